@@ -1,0 +1,1 @@
+"""The `capture-eval` command: flags only."""

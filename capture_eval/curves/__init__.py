@@ -1,0 +1,1 @@
+"""Edge-loop curves of a quad mesh."""

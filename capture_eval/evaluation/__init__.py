@@ -1,0 +1,1 @@
+"""Errors of interpolation and of the ground truth itself."""

@@ -1,0 +1,1 @@
+"""Disk formats: every reader and writer of the suite."""

@@ -1,0 +1,1 @@
+"""Photos: heads with known truth, the virtual photographer, checks of real photos."""

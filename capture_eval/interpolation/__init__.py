@@ -1,0 +1,1 @@
+"""Interpolation of curves between two poses."""

@@ -1,0 +1,1 @@
+"""Photos of one pose to a scan: dense stereo and surface cleaning on arrays."""

@@ -1,0 +1,1 @@
+"""Scans of all poses to one mesh topology in correspondence."""

@@ -1,0 +1,1 @@
+"""Manifest, Snakefile and runner: what to do in which order."""
