@@ -148,9 +148,14 @@ class TestAtomicFiles:
     def test_a_failed_write_leaves_the_old_file(self, tmp_path: Path) -> None:
         target = tmp_path / "result.txt"
         target.write_text("old")
-        with pytest.raises(RuntimeError, match="killed"), atomic_path(target) as temporary:
-            temporary.write_text("half")
-            raise RuntimeError("killed")
+
+        def write_half() -> None:
+            with atomic_path(target) as temporary:
+                temporary.write_text("half")
+                raise RuntimeError("killed")
+
+        with pytest.raises(RuntimeError, match="killed"):
+            write_half()
         assert target.read_text() == "old"
         assert list(tmp_path.iterdir()) == [target]
 
