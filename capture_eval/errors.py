@@ -23,3 +23,7 @@ class RegistrationError(CaptureEvalError):
 
 class SolverError(CaptureEvalError, ValueError):
     """An equation has no (usable) solution for the parameters that the text names."""
+
+
+class StageError(CaptureEvalError):
+    """A stage of `run` failed: the text names the stage, the pose and the log."""

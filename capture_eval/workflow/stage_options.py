@@ -1,0 +1,122 @@
+"""Options of the stages, taken from a manifest: defaults exist once, in the stages' own frozen dataclasses."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from capture_eval.errors import InputError
+
+if TYPE_CHECKING:
+    from capture_eval.cameras import Intrinsics
+    from capture_eval.files.manifest_files import Capture, IntrinsicsEntry
+
+# stage -> (module of capture_eval.stages, options dataclass in it)
+OPTION_CLASSES = {
+    "sparse": ("sparse", "SparseOptions"),
+    "dense": ("dense", "DenseOptions"),
+    "surface": ("surface", "SurfaceOptions"),
+    "align": ("align", "AlignOptions"),
+    "register": ("register", "RegisterOptions"),
+    "evaluate": ("evaluate", "EvaluateOptions"),
+    "truth": ("truth", "TruthOptions"),
+    "report": ("report", "ReportOptions"),
+}
+
+
+def options_class(stage: str) -> type:
+    """The frozen dataclass with the options of a stage.
+
+    Raises
+    ------
+    InputError
+        If there is no such stage.
+    """
+    if stage not in OPTION_CLASSES:
+        raise InputError(f"no stage {stage!r}; stages with options are {', '.join(OPTION_CLASSES)}")
+    module, name = OPTION_CLASSES[stage]
+    found = getattr(importlib.import_module(f"capture_eval.stages.{module}"), name)
+    if not isinstance(found, type):
+        raise TypeError(f"{module}.{name} is not a class")
+    return found
+
+
+def stage_options(capture: Capture, stage: str, threads: int = 1) -> Any:
+    """Options of one stage: its defaults, what the manifest says, and what the manifest's other parts imply.
+
+    Raises
+    ------
+    InputError
+        If the manifest names an option that the stage does not have, or gives a value of the wrong type.
+    """
+    kind = options_class(stage)
+    values = dict(capture.manifest.options.get(stage, {}))
+    values = _checked(capture, stage, kind, values)
+    known = {field.name for field in dataclasses.fields(kind)}
+    implied = _implied(capture, stage) | {"threads": threads}
+    for name, value in implied.items():
+        if name in known and name not in values and value is not None:
+            values[name] = value
+    return kind(**values)
+
+
+def check_options(capture: Capture) -> None:
+    """Refuse options of unknown stages, unknown options and values of the wrong type.
+
+    Raises
+    ------
+    InputError
+        Names the manifest, stage and option.
+    """
+    for stage, values in capture.manifest.options.items():
+        if stage not in OPTION_CLASSES:
+            raise InputError(
+                f"{capture.path}: options.{stage}: no such stage; stages with options are {', '.join(OPTION_CLASSES)}"
+            )
+        _checked(capture, stage, options_class(stage), dict(values))
+
+
+def _checked(capture: Capture, stage: str, kind: type, values: dict[str, Any]) -> dict[str, Any]:
+    """The values converted to the types of the dataclass (a YAML 3 becomes 3.0, a list a tuple)."""
+    import typing
+
+    from pydantic import TypeAdapter, ValidationError
+
+    types = typing.get_type_hints(kind)
+    for name, value in values.items():
+        where = f"{capture.path}: options.{stage}.{name}"
+        if name not in types:
+            raise InputError(f"{where}: unknown option; {stage} has {', '.join(sorted(types))}")
+        try:
+            values[name] = TypeAdapter(types[name], config={"arbitrary_types_allowed": True}).validate_python(value)
+        except ValidationError as error:
+            raise InputError(f"{where}: {error.errors()[0]['msg']} (is {value!r})") from None
+    return values
+
+
+def _implied(capture: Capture, stage: str) -> dict[str, Any]:
+    """What other keys of the manifest say about the options of a stage."""
+    manifest = capture.manifest
+    if stage == "sparse":
+        camera = manifest.camera
+        return {
+            "camera_model": camera.model,
+            "share_intrinsics": camera.shared_intrinsics,
+            "intrinsics": None if camera.intrinsics is None else _intrinsics(camera.intrinsics),
+            "known_cameras": None if camera.known_views is None else capture.resolve(camera.known_views),
+        }
+    if stage == "dense":
+        return {"back_end": manifest.dense.back_end, "max_image_size": manifest.dense.max_image_size}
+    return {}
+
+
+def _intrinsics(entry: IntrinsicsEntry) -> Intrinsics:
+    from capture_eval.cameras import Intrinsics
+
+    matrix = np.eye(3)
+    matrix[0, 0], matrix[1, 1] = entry.focal_length
+    matrix[:2, 2] = entry.principal_point
+    return Intrinsics(entry.width, entry.height, matrix, np.array(entry.distortion))
