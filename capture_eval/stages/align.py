@@ -1,0 +1,151 @@
+"""All poses of a capture in one frame and one scale: reads the solved poses, writes work/align."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture_eval.cameras import View, project
+from capture_eval.errors import InputError
+from capture_eval.files.atomic import read_json, read_npz, write_json, write_npz
+from capture_eval.files.colmap_files import read_features, read_sparse_model
+from capture_eval.registration.cross_pose_matching import ObservedPoints
+from capture_eval.registration.pose_alignment import AlignedPose, AlignmentOptions, align_all_poses
+from capture_eval.similarity import Similarity
+
+logger = logging.getLogger("capture_eval.align")
+
+
+@dataclass(frozen=True)
+class AlignOptions:
+    """Options of the align stage.
+
+    Attributes
+    ----------
+    limits : AlignmentOptions
+    shared_frame : bool
+        The poses' cameras are already in one frame (a known rig): every similarity is the identity.
+    """
+
+    limits: AlignmentOptions = field(default_factory=AlignmentOptions)
+    shared_frame: bool = False
+
+
+def pose_status(work: Path, pose_name: str, stage: str) -> str:
+    """Status that a stage left for a pose: `ok`, `failed`, `skipped`, or `missing` when it never ran."""
+    path = work / pose_name / f"{stage}.json"
+    if not path.is_file():
+        return "missing"
+    return str(read_json(path).get("status", "missing"))
+
+
+def load_observed_points(pose_folder: Path) -> ObservedPoints:
+    """Triangulated points of a pose with all descriptors that saw them."""
+    model = read_sparse_model(pose_folder / "sparse")
+    features = read_features(pose_folder / "database.db")
+    descriptors, owners, footprints = [], [], []
+    for name, view in model.views.items():
+        rows = model.tracks[name]
+        seen = rows >= 0
+        descriptors.append(features[name].descriptors[seen])
+        owners.append(rows[seen])
+        if np.any(seen):
+            footprints.append(_footprint(view, model.points[rows[seen]]))
+    if not owners or len(model.points) == 0:
+        raise InputError(f"{pose_folder / 'sparse'}: the model has no points")
+    return ObservedPoints(
+        points=model.points,
+        descriptors=np.concatenate(descriptors),
+        point_of_descriptor=np.concatenate(owners),
+        footprint=float(np.median(footprints)),
+    )
+
+
+def _footprint(view: View, points: NDArray[np.float64]) -> float:
+    _, depth = project(view, points)
+    return float(np.median(depth) / view.intrinsics.matrix[0, 0])
+
+
+def align_poses(work: Path, pose_names: Sequence[str], options: AlignOptions) -> dict[str, Any]:
+    """Bring all poses to the frame of the first one and write `align/alignment.npz` and `alignment.json`.
+
+    Returns
+    -------
+    dict
+        The content of alignment.json: a row per pose with status, scale, residual (fraction of the neutral's
+        sparse extent, and pixels), matches and inliers.
+
+    Raises
+    ------
+    RegistrationError
+        The neutral has no reconstruction.
+    """
+    observed: list[ObservedPoints | None] = []
+    for name in pose_names:
+        usable = pose_status(work, name, "sparse") == "ok"
+        observed.append(load_observed_points(work / name) if usable else None)
+    if options.shared_frame:
+        identity = AlignedPose(Similarity.identity(), 0.0, 0, 0, "rig", "")
+        failed = AlignedPose(None, float("nan"), 0, 0, "", "no reconstruction")
+        poses = [failed if points is None else identity for points in observed]
+    else:
+        poses = align_all_poses(observed, options.limits)
+    neutral = observed[0]
+    if neutral is None:
+        raise InputError(f"{work / pose_names[0]}: the neutral pose has no reconstruction")
+    rows = [_row(name, pose, neutral) for name, pose in zip(pose_names, poses, strict=True)]
+    for row in rows:
+        logger.info("align %s: %s %s", row["pose"], row["status"], row["reason"])
+    _save(work / "align" / "alignment.npz", pose_names, poses)
+    quality = {"extent": neutral.extent, "pixel": neutral.footprint, "poses": rows}
+    write_json(work / "align" / "alignment.json", quality)
+    return quality
+
+
+def _row(name: str, pose: AlignedPose, neutral: ObservedPoints) -> dict[str, Any]:
+    ok = pose.neutral_from_pose is not None
+    return {
+        "pose": name,
+        "status": "ok" if ok else "failed",
+        "reason": pose.reason,
+        "scale": pose.neutral_from_pose.scale if pose.neutral_from_pose is not None else None,
+        "residual": pose.residual / neutral.extent if ok else None,
+        "residual_px": pose.residual / neutral.footprint if ok else None,
+        "matches": pose.matches,
+        "inliers": pose.inliers,
+        "through": pose.through,
+    }
+
+
+def _save(path: Path, pose_names: Sequence[str], poses: Sequence[AlignedPose]) -> None:
+    nothing = np.full((3, 3), np.nan)
+    links = [pose.neutral_from_pose for pose in poses]
+    write_npz(
+        path,
+        {
+            "pose_names": np.array(list(pose_names)),
+            "scale": np.array([np.nan if link is None else link.scale for link in links]),
+            "rotation": np.array([nothing if link is None else link.rotation for link in links]),
+            "translation": np.array([nothing[0] if link is None else link.translation for link in links]),
+            "residual": np.array([pose.residual for pose in poses]),
+            "ok": np.array([link is not None for link in links]),
+        },
+    )
+
+
+def load_alignment(work: Path) -> dict[str, Similarity | None]:
+    """`neutral_from_pose` of every pose by name; None for failed poses."""
+    saved = read_npz(work / "align" / "alignment.npz")
+    result: dict[str, Similarity | None] = {}
+    for index, name in enumerate(saved["pose_names"]):
+        link = None
+        if saved["ok"][index]:
+            link = Similarity(float(saved["scale"][index]), saved["rotation"][index], saved["translation"][index])
+        result[str(name)] = link
+    return result
