@@ -1,0 +1,436 @@
+"""Photograph a head with known truth: photos, cameras, true meshes, template, landmarks, curves, manifest."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import multiprocessing
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture_eval.cameras import View
+from capture_eval.errors import InputError
+from capture_eval.files.atomic import read_json, write_json, write_npz, write_text
+from capture_eval.files.camera_files import write_cameras
+from capture_eval.files.mesh_files import write_mesh
+from capture_eval.files.jpeg_files import PhotoTags, write_jpeg
+from capture_eval.images.camera_rig import intrinsics_for, place_cameras
+from capture_eval.images.head import Contrast, Head
+from capture_eval.images.landmark_noise import click_landmarks
+from capture_eval.images.sensor import expose
+from capture_eval.images.skin_shading import HeadModel, build_head_model, light_head, photograph
+from capture_eval.images.timing import parse_timing
+from capture_eval.polygon_mesh import PolygonMesh
+from capture_eval.similarity import Similarity
+from capture_eval.triangle_geometry import diameter
+
+FloatArray = NDArray[np.float64]
+logger = logging.getLogger("capture_eval.synthesize")
+# Raised whenever the same options give other pixels, so that half-finished captures are not mixed.
+PICTURE_VERSION = 1
+_STATE = "truth/state.json"
+
+
+@dataclass(frozen=True)
+class SynthesizeOptions:
+    """What to photograph and how.
+
+    Attributes
+    ----------
+    motion, timing
+        Motion of the head, and its timing law (`linear`, `eased`, `power:p`).
+    poses
+        Number of poses at t = 0, 1/(poses-1), ..., 1; `times` overrides it.
+    views
+        Photos of every pose.
+    width, height
+        Picture size in pixels.
+    seed
+        Of camera jitter, sensor noise and landmark noise.
+    skin
+        ``normal``, or ``weak`` for a low-contrast skin that is hard to match.
+    noise
+        Sensor noise in grey levels; None means 1.5 (normal skin) or 2.5 (weak skin).
+    distortion
+        k1, k2, p1, p2 of the lens.
+    texture_size
+        Side of the skin texture; None means 2048, or 4096 for pictures wider than 960 pixels.
+    landmark_noise
+        Pixels.
+    template_scale, template_turn
+        The template stands in another frame: scaled, and turned by so many degrees.
+    """
+
+    motion: str = "jaw_open"
+    timing: str = "linear"
+    poses: int = 11
+    times: tuple[float, ...] | None = None
+    views: int = 30
+    width: int = 640
+    height: int = 480
+    seed: int = 0
+    skin: Contrast = "normal"
+    noise: float | None = None
+    quality: int = 95
+    distortion: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    texture_size: int | None = None
+    landmark_noise: float = 1.0
+    template_scale: float = 1.13
+    template_turn: float = 17.0
+
+    def pose_times(self) -> tuple[float, ...]:
+        """Time of every pose.
+
+        Raises
+        ------
+        InputError
+            Fewer than two poses, or times that do not rise from 0 to 1.
+        """
+        times = self.times
+        if times is None:
+            if self.poses < 2:
+                raise InputError(f"{self.poses} poses asked for; a motion needs at least 2")
+            times = tuple(round(k / (self.poses - 1), 12) for k in range(self.poses))
+        if len(times) < 2 or times[0] != 0.0 or times[-1] != 1.0 or min(np.diff(times)) <= 0.0:
+            raise InputError(f"pose times {times} must rise from 0 to 1")
+        return times
+
+    def sensor_noise(self) -> float:
+        """Sensor noise in grey levels."""
+        if self.noise is not None:
+            return self.noise
+        return 2.5 if self.skin == "weak" else 1.5
+
+    def skin_texture_size(self) -> int:
+        """Side of the skin texture in texels."""
+        if self.texture_size is not None:
+            return self.texture_size
+        return 4096 if max(self.width, self.height) > 960 else 2048
+
+
+@dataclass(frozen=True)
+class _PoseTask:
+    """One pose's photos that are still to be made."""
+
+    pose_index: int
+    vertices: FloatArray
+    folder: Path
+    views: tuple[View, ...]
+    view_numbers: tuple[int, ...]
+    seed: int
+    noise: float
+    quality: int
+
+
+def synthesize_capture(
+    head: Head,
+    template: Head,
+    out: Path,
+    options: SynthesizeOptions,
+    cores: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> dict[str, Any]:
+    """Write a capture folder with known truth.
+
+    Photos that an interrupted call with the same options left are kept; the same options give the same bytes with any
+    number of cores.
+
+    Parameters
+    ----------
+    head
+        The person in front of the cameras.
+    template
+        Another person with the same topology, handed on as the template mesh.
+    out
+        Capture folder.
+    options
+        What to photograph.
+    cores
+        Poses photographed at the same time.
+    progress
+        Called with the number of photos done and the number of all photos.
+
+    Returns
+    -------
+    dict with `manifest` (path), `photos`, `kept` (photos that were there), `diameter_mm`.
+
+    Raises
+    ------
+    InputError
+        The head does not know the motion, template and head differ in topology, or an option makes no sense.
+    """
+    times = options.pose_times()
+    amounts = parse_timing(options.timing)(np.array(times))
+    _check_heads(head, template, options)
+    posed = [head.pose(options.motion, float(amount)) for amount in amounts]
+    vertices = [np.concatenate([skin, *parts]) for skin, parts in posed]
+    truth = np.stack([skin for skin, _ in posed])
+    pose_names = [f"pose_{number:02d}" for number in range(len(times))]
+    intrinsics = intrinsics_for(options.width, options.height, options.distortion)
+    aim = aim_point(truth[0])
+    views_of_pose = {
+        name: place_cameras(options.views, intrinsics, aim, options.seed, number)
+        for number, name in enumerate(pose_names)
+    }
+    albedo = head.albedo(options.skin_texture_size(), options.skin)
+    kept = _keep_state(out, _fingerprint(head, template, albedo, truth, options))
+    model = build_head_model(head, albedo)
+    tasks = [
+        _pose_task(number, name, vertices[number], views_of_pose[name], out, options, kept)
+        for number, name in enumerate(pose_names)
+    ]
+    total = options.views * len(times)
+    missing = sum(len(task.views) for task in tasks)
+    logger.info("%s: %d photos to make, %d are there", out, missing, total - missing)
+    _photograph_all(model, [task for task in tasks if task.views], cores, total, total - missing, progress)
+    _write_truth(out, head, options, times, amounts, truth, views_of_pose)
+    _write_inputs(out, head, template, model, vertices[0], options, times, views_of_pose[pose_names[0]])
+    return {
+        "manifest": str(out / "manifest.yaml"),
+        "photos": total,
+        "kept": total - missing,
+        "diameter_mm": diameter(truth[0]),
+    }
+
+
+def aim_point(skin: FloatArray) -> FloatArray:
+    """Point the cameras look at: the middle of the head's height, 40 % of its depth behind the nose."""
+    low, high = skin.min(axis=0), skin.max(axis=0)
+    return np.array([0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), high[2] - 0.4 * (high[2] - low[2])])
+
+
+def _check_heads(head: Head, template: Head, options: SynthesizeOptions) -> None:
+    if options.motion not in head.motions:
+        raise InputError(f"{head.name} has no motion {options.motion!r}; it has {', '.join(head.motions)}")
+    if not np.array_equal(head.skin.face_vertices, template.skin.face_vertices):
+        raise InputError(f"template {template.name} and head {head.name} have different faces")
+    if options.views < 2:
+        raise InputError(f"{options.views} views asked for; at least 2 are needed")
+    if options.skin not in ("normal", "weak"):
+        raise InputError(f"skin {options.skin!r} is unknown; use normal or weak")
+
+
+def _fingerprint(
+    head: Head, template: Head, albedo: NDArray[np.uint8], truth: FloatArray, options: SynthesizeOptions
+) -> str:
+    digest = hashlib.sha256()
+    described = {"version": PICTURE_VERSION, "head": head.name, "template": template.name, **asdict(options)}
+    digest.update(json.dumps(described, sort_keys=True).encode())
+    for array in (albedo, truth, head.skin.face_vertices, template.skin.vertices):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def _keep_state(out: Path, fingerprint: str) -> bool:
+    """True when the folder holds photos of the same capture; the fingerprint is noted before the first photo."""
+    state = out / _STATE
+    if state.is_file():
+        try:
+            if read_json(state).get("fingerprint") == fingerprint:
+                return True
+        except InputError:
+            logger.warning("%s is damaged; all photos are made again", state)
+    write_json(state, {"fingerprint": fingerprint})
+    return False
+
+
+def _pose_task(
+    number: int,
+    name: str,
+    vertices: FloatArray,
+    views: Sequence[View],
+    out: Path,
+    options: SynthesizeOptions,
+    kept: bool,
+) -> _PoseTask:
+    folder = out / "photos" / name
+    wanted = [k for k, view in enumerate(views) if not (kept and (folder / view.name).is_file())]
+    return _PoseTask(
+        number,
+        vertices,
+        folder,
+        tuple(views[k] for k in wanted),
+        tuple(wanted),
+        options.seed,
+        options.sensor_noise(),
+        options.quality,
+    )
+
+
+_worker_model: HeadModel | None = None
+
+
+def _start_worker(model: HeadModel) -> None:
+    global _worker_model
+    _worker_model = model
+
+
+def _work(task: _PoseTask) -> int:
+    if _worker_model is None:
+        raise InputError("the photographer's worker was not started with a head")
+    return _photograph_pose(_worker_model, task)
+
+
+def _photograph_pose(model: HeadModel, task: _PoseTask, each: Callable[[], None] | None = None) -> int:
+    lit = light_head(model, task.vertices)
+    for number, view in zip(task.view_numbers, task.views, strict=True):
+        light = photograph(lit, view)
+        image = expose(light, task.noise, (task.seed, 303, task.pose_index, number))
+        write_jpeg(task.folder / view.name, image, PhotoTags(float(view.intrinsics.matrix[0, 0])), task.quality)
+        if each is not None:
+            each()
+    logger.info("%s: %d photos", task.folder.name, len(task.views))
+    return len(task.views)
+
+
+def _photograph_all(
+    model: HeadModel,
+    tasks: Sequence[_PoseTask],
+    cores: int,
+    total: int,
+    done: int,
+    progress: Callable[[int, int], None] | None,
+) -> None:
+    def advance(count: int = 1) -> None:
+        nonlocal done
+        done += count
+        if progress is not None:
+            progress(done, total)
+
+    if progress is not None:
+        progress(done, total)
+    if min(cores, len(tasks)) <= 1:
+        for task in tasks:
+            _photograph_pose(model, task, advance)
+        return
+    # Fresh processes, because forking a process that has used Open3D's threads may hang.
+    context = multiprocessing.get_context("spawn")
+    workers = min(cores, len(tasks), os.cpu_count() or 1)
+    with ProcessPoolExecutor(workers, context, _start_worker, (model,)) as pool:
+        for future in as_completed([pool.submit(_work, task) for task in tasks]):
+            advance(future.result())
+
+
+def _write_truth(
+    out: Path,
+    head: Head,
+    options: SynthesizeOptions,
+    times: Sequence[float],
+    amounts: FloatArray,
+    truth: FloatArray,
+    views_of_pose: dict[str, list[View]],
+) -> None:
+    write_cameras(out / "truth" / "cameras.json", views_of_pose)
+    write_mesh(out / "truth" / "mesh.obj", head.skin.with_vertices(truth[0]))
+    write_npz(out / "truth" / "truth.npz", {"t": np.array(times, dtype=np.float64), "vertices": truth})
+    write_json(
+        out / "truth" / "motion.json",
+        {
+            "head": head.name,
+            "motion": options.motion,
+            "timing": options.timing,
+            "t": [float(t) for t in times],
+            "amount": [float(amount) for amount in amounts],
+            "diameter_mm": diameter(truth[0]),
+            "unit": "mm",
+            "seed": options.seed,
+            "skin": options.skin,
+            "noise_grey_levels": options.sensor_noise(),
+        },
+    )
+
+
+def template_from_head(options: SynthesizeOptions) -> Similarity:
+    """The template's own frame: scaled, turned about a slanted axis, and moved."""
+    from scipy.spatial.transform import Rotation
+
+    axis = np.array([0.42, 0.86, -0.29])
+    turn = Rotation.from_rotvec(np.radians(options.template_turn) * axis / np.linalg.norm(axis))
+    return Similarity(options.template_scale, turn.as_matrix(), np.array([31.0, -12.0, 57.0]))
+
+
+def _write_inputs(
+    out: Path,
+    head: Head,
+    template: Head,
+    model: HeadModel,
+    neutral: FloatArray,
+    options: SynthesizeOptions,
+    times: Sequence[float],
+    views: Sequence[View],
+) -> None:
+    """What a user would hand in with the photos: template, landmarks, curves, manifest."""
+    move = template_from_head(options)
+    write_mesh(out / "template.obj", template.skin.with_vertices(move.apply(template.skin.vertices)))
+    if template.blockers:
+        write_mesh(out / "occluders.obj", joined_blockers(template, move))
+    lit = light_head(model, neutral)
+    clicks = click_landmarks(lit.scene, lit.normals, views, head.landmarks, options.seed, options.landmark_noise)
+    landmarks = [
+        {
+            "name": name,
+            "vertex": int(template.landmarks[name]),
+            "photos": {photo: [round(u, 3), round(v, 3)] for photo, (u, v) in photos.items()},
+        }
+        for name, photos in clicks.items()
+        if len(photos) >= 2 and name in template.landmarks
+    ]
+    _write_yaml(out / "landmarks.yaml", {"landmarks": landmarks})
+    _write_yaml(out / "curves.yaml", {"curves": [_plain(curve) for curve in head.curves]})
+    _write_yaml(out / "manifest.yaml", manifest_of(out.name, template, times))
+
+
+def manifest_of(name: str, template: Head, times: Sequence[float]) -> dict[str, Any]:
+    """Manifest of a synthetic capture, ready to be written as YAML."""
+    parts = {"mesh": "template.obj", "landmarks": "landmarks.yaml"}
+    if template.blockers:
+        parts["occluders"] = "occluders.obj"
+    return {
+        "name": name,
+        "source": "synthetic",
+        "poses": [{"t": float(t), "photos": f"photos/pose_{k:02d}"} for k, t in enumerate(times)],
+        "template": parts,
+        "rigid_region": [int(vertex) for vertex in template.rigid_region],
+        "curves": "curves.yaml",
+        "methods": ["linear", "pde_linear", "pde_quadratic", "pde_cubic"],
+        "truth": {"mesh": "truth/mesh.obj", "vertices": "truth/truth.npz", "cameras": "truth/cameras.json"},
+    }
+
+
+def joined_blockers(head: Head, move: Similarity) -> PolygonMesh:
+    """Eyes, teeth and so on of a head as one mesh without texture, in the moved frame."""
+    vertices: list[FloatArray] = []
+    faces: list[NDArray[np.int64]] = []
+    start = 0
+    for part in head.blockers:
+        vertices.append(move.apply(part.mesh.vertices))
+        faces += [face + start for face in part.mesh.faces()]
+        start += len(part.mesh.vertices)
+    return PolygonMesh.from_faces(np.concatenate(vertices), faces)
+
+
+def _plain(value: Any) -> Any:
+    """Numbers and containers of NumPy and of mappings as plain Python, for YAML."""
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, np.generic):
+        return value.item()
+    if hasattr(value, "items"):
+        return {_plain(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return value
+
+
+def _write_yaml(path: Path, value: Any) -> None:
+    import yaml
+
+    write_text(path, yaml.safe_dump(value, sort_keys=False, default_flow_style=None, width=110, allow_unicode=True))
