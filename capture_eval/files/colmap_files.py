@@ -1,4 +1,4 @@
-"""Reading of COLMAP models and databases into arrays, and of the project's own camera list (cameras.json).
+"""Reading of COLMAP models and databases into arrays.
 
 COLMAP's pixel convention is kept: the centre of the top-left pixel is (0.5, 0.5).
 """
@@ -7,19 +7,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from capture_eval.cameras import Intrinsics, View
 from capture_eval.errors import InputError
-from capture_eval.files.atomic import read_json
 
 if TYPE_CHECKING:
     import pycolmap
-
-CAMERA_FIELDS = ("width", "height", "matrix", "distortion", "rotation", "translation")
 
 
 @dataclass(frozen=True)
@@ -101,47 +98,6 @@ def intrinsics_from_colmap(camera: pycolmap.Camera) -> Intrinsics:
     padded[: len(distortion)] = distortion
     matrix = np.array([[focal_x, 0.0, centre_x], [0.0, focal_y, centre_y], [0.0, 0.0, 1.0]])
     return Intrinsics(width=int(camera.width), height=int(camera.height), matrix=matrix, distortion=padded)
-
-
-def read_known_views(path: Path, pose_name: str) -> dict[str, View]:
-    """Known cameras of one pose from a cameras.json: `{"views": [{pose, photo, width, height, matrix, ...}]}`.
-
-    Entries without a `pose` belong to every pose (a rig).
-
-    Raises
-    ------
-    InputError
-        When the file lacks fields or has no view of the pose.
-    """
-    document = read_json(path)
-    entries = document.get("views") if isinstance(document, dict) else None
-    if not isinstance(entries, list):
-        raise InputError(f"{path}: no list 'views'")
-    views = {}
-    for entry in entries:
-        if entry.get("pose", pose_name) == pose_name:
-            views[str(entry.get("photo"))] = _known_view(path, entry)
-    if not views:
-        raise InputError(f"{path}: no camera of {pose_name}")
-    return views
-
-
-def _known_view(path: Path, entry: dict[str, Any]) -> View:
-    missing = [field for field in ("photo", *CAMERA_FIELDS) if field not in entry]
-    if missing:
-        raise InputError(f"{path}: a view lacks {', '.join(missing)}")
-    intrinsics = Intrinsics(
-        width=int(entry["width"]),
-        height=int(entry["height"]),
-        matrix=np.array(entry["matrix"], dtype=np.float64),
-        distortion=np.array(entry["distortion"], dtype=np.float64),
-    )
-    return View(
-        name=str(entry["photo"]),
-        intrinsics=intrinsics,
-        rotation=np.array(entry["rotation"], dtype=np.float64),
-        translation=np.array(entry["translation"], dtype=np.float64),
-    )
 
 
 @dataclass(frozen=True)

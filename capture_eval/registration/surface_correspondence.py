@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,17 +73,16 @@ class Surface:
         self.border = _border_triangles(triangles)
         # Embree works in single precision: distances keep their digits around the middle of the surface.
         self._middle = vertices.mean(axis=0)
-        self._scene = open3d.t.geometry.RaycastingScene(nthreads=1)
+        self._tensor: Any = open3d.core.Tensor
+        self._scene: Any = open3d.t.geometry.RaycastingScene(nthreads=1)
         self._scene.add_triangles(
-            open3d.core.Tensor((vertices - self._middle).astype(np.float32)),
-            open3d.core.Tensor(triangles.astype(np.uint32)),
+            self._tensor((vertices - self._middle).astype(np.float32)),
+            self._tensor(triangles.astype(np.uint32)),
         )
 
     def closest(self, queries: Floats) -> SurfacePoints:
         """Closest point of the surface to each query (N, 3)."""
-        import open3d
-
-        places = open3d.core.Tensor((queries - self._middle).astype(np.float32))
+        places = self._tensor((queries - self._middle).astype(np.float32))
         answer = self._scene.compute_closest_points(places, nthreads=1)
         triangle = answer["primitive_ids"].numpy().astype(np.int64)
         barycentric = barycentric_of(answer["points"].numpy() + self._middle, self.vertices[self.triangles[triangle]])
@@ -90,11 +90,9 @@ class Surface:
 
     def cast(self, origins: Floats, directions: Floats) -> SurfacePoints:
         """First hit of rays; origins (N, 3) or (3,), directions (N, 3)."""
-        import open3d
-
         start = np.broadcast_to(origins - self._middle, directions.shape)
         rays = np.concatenate([start, directions], axis=1).astype(np.float32)
-        answer = self._scene.cast_rays(open3d.core.Tensor(rays), nthreads=1)
+        answer = self._scene.cast_rays(self._tensor(rays), nthreads=1)
         triangle = answer["primitive_ids"].numpy().astype(np.int64)
         missed = ~np.isfinite(answer["t_hit"].numpy())
         pair = answer["primitive_uvs"].numpy().astype(np.float64)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,9 +37,10 @@ def visible_direction_share(
     """
     import open3d
 
-    scene = open3d.t.geometry.RaycastingScene(nthreads=1)
+    tensor: Any = open3d.core.Tensor
+    scene: Any = open3d.t.geometry.RaycastingScene(nthreads=1)
     for places, faces in [(vertices, triangles)] + ([] if occluders is None else [occluders]):
-        scene.add_triangles(open3d.core.Tensor(places.astype(np.float32)), open3d.core.Tensor(faces.astype(np.uint32)))
+        scene.add_triangles(tensor(places.astype(np.float32)), tensor(faces.astype(np.uint32)))
     size = diameter(vertices)
     normals = vertex_normals(vertices, triangles)
     origins = vertices + 1e-3 * size * normals
@@ -46,7 +49,7 @@ def visible_direction_share(
         facing = np.flatnonzero(normals @ direction > 0.0)
         rays = np.concatenate([origins[facing], np.broadcast_to(direction, (len(facing), 3))], axis=1)
         blocked = scene.test_occlusions(
-            open3d.core.Tensor(rays.astype(np.float32)), tfar=4.0 * size, nthreads=1
+            tensor(rays.astype(np.float32)), tfar=4.0 * size, nthreads=1
         ).numpy()
         seen[facing[~blocked]] += 1.0
     return seen / directions

@@ -19,7 +19,7 @@ import numpy as np
 from capture_eval.cameras import Intrinsics, View
 from capture_eval.errors import InputError, ReconstructionError
 from capture_eval.files.atomic import write_json
-from capture_eval.files.colmap_files import read_known_views
+from capture_eval.files.camera_files import read_cameras
 
 if TYPE_CHECKING:
     import pycolmap
@@ -159,7 +159,10 @@ def _solve(
     pycolmap.set_random_seed(options.seed)
     known = None
     if options.known_cameras is not None:
-        known = read_known_views(options.known_cameras, pose_folder.name)
+        poses = read_cameras(options.known_cameras)
+        if pose_folder.name not in poses:
+            raise InputError(f"{options.known_cameras}: no camera of {pose_folder.name}")
+        known = {view.name: view for view in poses[pose_folder.name]}
     database = pose_folder / "database.partial.db"
     logger.info("sparse %s: features of %d photos", pose_folder.name, len(sizes))
     _extract(database, folder, sizes, known, options, pose_folder)
