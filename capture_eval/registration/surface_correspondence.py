@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,8 +73,9 @@ class Surface:
         self.border = _border_triangles(triangles)
         # Embree works in single precision: distances keep their digits around the middle of the surface.
         self._middle = vertices.mean(axis=0)
-        self._tensor: Any = open3d.core.Tensor
-        self._scene: Any = open3d.t.geometry.RaycastingScene(nthreads=1)
+        library = cast("Any", open3d)
+        self._tensor = library.core.Tensor
+        self._scene = library.t.geometry.RaycastingScene(nthreads=1)
         self._scene.add_triangles(
             self._tensor((vertices - self._middle).astype(np.float32)),
             self._tensor(triangles.astype(np.uint32)),

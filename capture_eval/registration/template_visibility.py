@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,8 +37,9 @@ def visible_direction_share(
     """
     import open3d
 
-    tensor: Any = open3d.core.Tensor
-    scene: Any = open3d.t.geometry.RaycastingScene(nthreads=1)
+    library = cast("Any", open3d)
+    tensor = library.core.Tensor
+    scene = library.t.geometry.RaycastingScene(nthreads=1)
     for places, faces in [(vertices, triangles)] + ([] if occluders is None else [occluders]):
         scene.add_triangles(tensor(places.astype(np.float32)), tensor(faces.astype(np.uint32)))
     size = diameter(vertices)
@@ -48,9 +49,7 @@ def visible_direction_share(
     for direction in sphere_directions(directions):
         facing = np.flatnonzero(normals @ direction > 0.0)
         rays = np.concatenate([origins[facing], np.broadcast_to(direction, (len(facing), 3))], axis=1)
-        blocked = scene.test_occlusions(
-            tensor(rays.astype(np.float32)), tfar=4.0 * size, nthreads=1
-        ).numpy()
+        blocked = scene.test_occlusions(tensor(rays.astype(np.float32)), tfar=4.0 * size, nthreads=1).numpy()
         seen[facing[~blocked]] += 1.0
     return seen / directions
 
