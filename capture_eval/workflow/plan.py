@@ -1,4 +1,4 @@
-"""The plan of a run: which steps there are, in which job each runs, and the key that says whether its result is current.
+"""The plan of a run: which steps there are, in which job each runs, and the key that says if its result is current.
 
 A *step* is one arrow of the pipeline (for one pose, or for all of them); a *job* is a group of steps that the engine
 starts as one process, so that the engine's start-up is paid a few dozen times, not hundreds.

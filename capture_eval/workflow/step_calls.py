@@ -1,0 +1,166 @@
+"""What each step of a run calls: one stage function with paths and options from the manifest."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from capture_eval.files.photo_files import list_photos
+from capture_eval.workflow.stage_options import stage_options
+
+if TYPE_CHECKING:
+    from capture_eval.files.manifest_files import Capture, PoseEntry
+
+
+@dataclass(frozen=True)
+class StepContext:
+    """What a step needs to know.
+
+    Attributes
+    ----------
+    capture : Capture
+        The manifest and its folder.
+    out : Path
+        Folder of the result.
+    pose : str or None
+        Name of the pose the step works on.
+    threads : int
+        Threads inside the stage.
+    """
+
+    capture: Capture
+    out: Path
+    pose: str | None
+    threads: int
+
+    @property
+    def work(self) -> Path:
+        """Folder of everything between stages."""
+        return self.out / "work"
+
+    @property
+    def pose_folder(self) -> Path:
+        """Folder of the pose in the work folder."""
+        return self.work / (self.pose or "")
+
+    @property
+    def pose_entry(self) -> PoseEntry:
+        """The pose in the manifest."""
+        return next(entry for entry in self.capture.manifest.poses if entry.pose_name == self.pose)
+
+    def options(self, stage: str) -> Any:
+        """Options of a stage."""
+        return stage_options(self.capture, stage, self.threads)
+
+    def file(self, group: str, key: str) -> Path | None:
+        """Absolute path of a file that a part of the manifest names."""
+        relative = getattr(getattr(self.capture.manifest, group), key)
+        return None if relative is None else self.capture.resolve(relative)
+
+    def required_file(self, group: str, key: str) -> Path:
+        """The same for a file that must be named (the plan has made sure of it)."""
+        path = self.file(group, key)
+        if path is None:
+            raise ValueError(f"{group}.{key} is not in the manifest")
+        return path
+
+
+def _sparse(context: StepContext) -> Any:
+    from capture_eval.stages.sparse import reconstruct_sparse
+
+    entry = context.pose_entry
+    options = context.options("sparse")
+    if entry.masks is not None:
+        options = dataclasses.replace(options, masks=context.capture.resolve(entry.masks))
+    photos = list_photos(context.capture.resolve(entry.photos or ""))
+    return reconstruct_sparse(photos, context.pose_folder, options)
+
+
+def _dense(context: StepContext) -> Any:
+    from capture_eval.stages.dense import reconstruct_dense
+
+    return reconstruct_dense(context.pose_folder, context.options("dense"))
+
+
+def _surface(context: StepContext) -> Any:
+    from capture_eval.stages.surface import reconstruct_surface
+
+    return reconstruct_surface(context.pose_folder, context.options("surface"))
+
+
+def _align(context: StepContext) -> Any:
+    from capture_eval.stages.align import align_poses
+
+    return align_poses(context.work, context.capture.manifest.pose_names, context.options("align"))
+
+
+def _neutral(context: StepContext) -> Any:
+    from capture_eval.stages.register import register_neutral
+
+    return register_neutral(
+        context.work,
+        context.required_file("template", "mesh"),
+        context.required_file("template", "landmarks"),
+        context.capture.manifest.pose_names,
+        context.options("register"),
+        context.file("template", "occluders"),
+    )
+
+
+def _track(context: StepContext) -> Any:
+    from capture_eval.stages.register import track_poses
+
+    return track_poses(
+        context.work,
+        context.required_file("template", "mesh"),
+        context.capture.manifest.pose_names,
+        context.options("register"),
+        context.file("template", "occluders"),
+    )
+
+
+def _refine(context: StepContext) -> Any:
+    from capture_eval.stages.register import refine_pose
+
+    return refine_pose(
+        context.work,
+        context.required_file("template", "mesh"),
+        context.pose_entry.pose_name,
+        context.options("register"),
+        context.file("template", "occluders"),
+    )
+
+
+def _collect(context: StepContext) -> Any:
+    from capture_eval.stages.register import collect_registration
+
+    manifest = context.capture.manifest
+    times = [pose.t for pose in manifest.poses]
+    return collect_registration(context.work, manifest.pose_names, times, context.options("register"))
+
+
+STEP_CALLS: dict[str, Callable[[StepContext], Any]] = {
+    "sparse": _sparse,
+    "dense": _dense,
+    "surface": _surface,
+    "align": _align,
+    "neutral": _neutral,
+    "track": _track,
+    "refine": _refine,
+    "collect": _collect,
+}
+
+# Files of the work folder without which a finished step counts as not done ({pose} is the pose's folder).
+STEP_OUTPUTS: dict[str, tuple[str, ...]] = {
+    "sparse": ("work/{pose}/sparse.json",),
+    "dense": ("work/{pose}/dense.json",),
+    "surface": ("work/{pose}/surface.json",),
+    "align": ("work/align/alignment.json", "work/align/alignment.npz"),
+    "neutral": ("work/register/neutral.npz",),
+    "track": ("work/register/start.npz",),
+    "refine": (),
+    "collect": ("work/register/registered.npz",),
+}
