@@ -298,3 +298,18 @@ def sample_offsets(
                     + x3 * image[line, column + 2]
                 )
             sampled[o, places[j]] = value
+
+
+@numba.njit(cache=True)
+def add_high_pass(
+    picture: NDArray[np.float32], mean: NDArray[np.float32], weights: NDArray[np.float32], sums: NDArray[np.float32]
+) -> None:
+    """With h = picture - mean and votes w, add w h, w^2 h^2, w h^2 to ``sums`` (3, H, W), in place."""
+    for row in range(picture.shape[0]):
+        for column in range(picture.shape[1]):
+            w = weights[row, column]
+            if w > 0:
+                weighted = w * (picture[row, column] - mean[row, column])
+                sums[0, row, column] += weighted
+                sums[1, row, column] += weighted * weighted
+                sums[2, row, column] += weighted * weighted / w
