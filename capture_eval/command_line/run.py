@@ -83,6 +83,7 @@ def _run(capture: Capture, out: Path, options: RunOptions) -> None:
     if capture.manifest.template is None and options.until is None:
         print("no `template` in the manifest: the run ends with the cleaned scans (surface)", file=sys.stderr)
     started = time.monotonic()
+    _refuse_bad_input(capture, out)
     plan = run_plan(capture, out, options)
     took = duration(time.monotonic() - started)
     if plan.until == "report":
@@ -93,3 +94,25 @@ def _run(capture: Capture, out: Path, options: RunOptions) -> None:
         print(f"done until {plan.until} ({took})")
     else:
         print(f"done until {plan.until}: {out / 'work'} ({took})")
+
+
+def _refuse_bad_input(capture: Capture, out: Path) -> None:
+    """Stop for what no stage can work around, say what else is wrong; unchanged input is looked at once."""
+    import sys
+
+    from capture_eval.command_line.progress_bar import counting_progress
+    from capture_eval.stages.validate import validate_capture
+    from capture_eval.workflow.preflight import checked_before, remember_checked
+    from capture_eval.workflow.stage_options import check_options
+
+    check_options(capture)
+    if checked_before(capture, out):
+        return
+    with counting_progress("photos checked") as progress:
+        problems = validate_capture(capture, progress=progress)
+    for problem in problems:
+        print(f"warning: {problem}" if not problem.fatal else str(problem), file=sys.stderr)
+    fatal = [problem for problem in problems if problem.fatal]
+    if fatal:
+        raise InputError(f"{capture.path}: {len(fatal)} of the problems above must be solved first")
+    remember_checked(capture, out, [str(problem) for problem in problems])

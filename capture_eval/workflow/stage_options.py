@@ -53,8 +53,7 @@ def stage_options(capture: Capture, stage: str, threads: int = 1) -> Any:
         If the manifest names an option that the stage does not have, or gives a value of the wrong type.
     """
     kind = options_class(stage)
-    values = dict(capture.manifest.options.get(stage, {}))
-    values = _checked(capture, stage, kind, values)
+    values = _checked(capture, stage, kind, capture.manifest.options.get(stage, {}))
     known = {field.name for field in dataclasses.fields(kind)}
     implied = _implied(capture, stage) | {"threads": threads}
     for name, value in implied.items():
@@ -76,25 +75,33 @@ def check_options(capture: Capture) -> None:
             raise InputError(
                 f"{capture.path}: options.{stage}: no such stage; stages with options are {', '.join(OPTION_CLASSES)}"
             )
-        _checked(capture, stage, options_class(stage), dict(values))
+        _checked(capture, stage, options_class(stage), values)
 
 
 def _checked(capture: Capture, stage: str, kind: type, values: dict[str, Any]) -> dict[str, Any]:
     """The values converted to the types of the dataclass (a YAML 3 becomes 3.0, a list a tuple)."""
+    return _converted(kind, values, f"{capture.path}: options.{stage}")
+
+
+def _converted(kind: type, values: dict[str, Any], where: str) -> dict[str, Any]:
     import typing
 
     from pydantic import TypeAdapter, ValidationError
 
     types = typing.get_type_hints(kind)
+    converted = {}
     for name, value in values.items():
-        where = f"{capture.path}: options.{stage}.{name}"
         if name not in types:
-            raise InputError(f"{where}: unknown option; {stage} has {', '.join(sorted(types))}")
+            raise InputError(f"{where}.{name}: unknown option; there are {', '.join(sorted(types))}")
+        wanted = types[name]
+        if dataclasses.is_dataclass(wanted) and isinstance(wanted, type) and isinstance(value, dict):
+            converted[name] = wanted(**_converted(wanted, value, f"{where}.{name}"))
+            continue
         try:
-            values[name] = TypeAdapter(types[name], config={"arbitrary_types_allowed": True}).validate_python(value)
+            converted[name] = TypeAdapter(wanted).validate_python(value)
         except ValidationError as error:
-            raise InputError(f"{where}: {error.errors()[0]['msg']} (is {value!r})") from None
-    return values
+            raise InputError(f"{where}.{name}: {error.errors()[0]['msg']} (is {value!r})") from None
+    return converted
 
 
 def _implied(capture: Capture, stage: str) -> dict[str, Any]:
@@ -109,7 +116,7 @@ def _implied(capture: Capture, stage: str) -> dict[str, Any]:
             "known_cameras": None if camera.known_views is None else capture.resolve(camera.known_views),
         }
     if stage == "dense":
-        return {"back_end": manifest.dense.back_end, "max_image_size": manifest.dense.max_image_size}
+        return {"backend": manifest.dense.back_end, "max_image_size": manifest.dense.max_image_size}
     return {}
 
 
