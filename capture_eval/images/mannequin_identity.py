@@ -10,7 +10,7 @@ from capture_eval.images.mannequin_topology import Topology
 
 FloatArray = NDArray[np.float64]
 
-MEAN_DIFFERENCE = 8.0
+MEAN_DIFFERENCE = 6.6
 
 # centre (mm, subject's left), radius (mm), direction of the local change
 _LOCAL = (
@@ -43,7 +43,7 @@ def identity_offset(points: FloatArray, seed: int) -> FloatArray:
     folded = np.abs(points)
     folded[:, 1:] = points[:, 1:]
     for centre, radius, direction in _LOCAL:
-        size = generator.uniform(0.4, 1.0) * generator.choice([-1.0, 1.0]) * 0.10 * radius
+        size = generator.uniform(0.4, 1.0) * generator.choice([-1.0, 1.0]) * 0.07 * radius
         distance = np.linalg.norm(folded - np.array(centre), axis=1) / radius
         weight = np.exp(-(distance**2))[:, None]
         offset = offset + size * weight * np.array(direction) * np.concatenate(
