@@ -1,0 +1,80 @@
+"""Landmarks on disk: a YAML list of template vertices with their pixels in photos, or with a point in space."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture_eval.errors import InputError
+from capture_eval.files.manifest_files import read_yaml
+
+
+@dataclass(frozen=True)
+class Landmark:
+    """A named template vertex and where it is on the neutral face.
+
+    Parameters
+    ----------
+    name : str
+    vertex : int
+        Of the template.
+    photos : mapping of photo name to (2,) pixel
+        The centre of the top-left pixel is (0.5, 0.5).
+    point : (3,) or None
+        Known place instead of pixels, in the frame of the neutral's cameras.
+    """
+
+    name: str
+    vertex: int
+    photos: Mapping[str, NDArray[np.float64]]
+    point: NDArray[np.float64] | None
+
+
+def read_landmarks(path: Path, vertex_count: int) -> list[Landmark]:
+    """Read landmarks and check them against the template.
+
+    Raises
+    ------
+    InputError
+        The file is unreadable, a landmark lacks a key, names a vertex outside the template, or occurs twice.
+    """
+    document = read_yaml(path)
+    rows = document.get("landmarks") if isinstance(document, dict) else None
+    if not isinstance(rows, list) or not rows:
+        raise InputError(f"{path}: no list 'landmarks'")
+    landmarks = [_landmark(path, number, row, vertex_count) for number, row in enumerate(rows)]
+    names = [landmark.name for landmark in landmarks]
+    doubles = sorted({name for name in names if names.count(name) > 1})
+    if doubles:
+        raise InputError(f"{path}: landmark {doubles[0]} is listed twice")
+    return landmarks
+
+
+def _landmark(path: Path, number: int, row: Any, vertex_count: int) -> Landmark:
+    if not isinstance(row, dict) or "name" not in row or "vertex" not in row:
+        raise InputError(f"{path}: landmark {number} needs 'name' and 'vertex'")
+    name, vertex = str(row["name"]), row["vertex"]
+    if not isinstance(vertex, int) or not 0 <= vertex < vertex_count:
+        raise InputError(f"{path}: landmark {name}: vertex {vertex!r} is not one of the template's {vertex_count}")
+    photos = row.get("photos") or {}
+    point = row.get("point")
+    if not isinstance(photos, dict) or (point is None and not photos):
+        raise InputError(f"{path}: landmark {name} needs 'photos' (photo: [u, v]) or 'point' ([x, y, z])")
+    pixels = {str(photo): _numbers(path, name, pixel, 2) for photo, pixel in photos.items()}
+    return Landmark(name, vertex, pixels, None if point is None else _numbers(path, name, point, 3))
+
+
+def _numbers(path: Path, name: str, values: Any, count: int) -> NDArray[np.float64]:
+    usable = isinstance(values, Sequence) and not isinstance(values, str) and len(values) == count
+    try:
+        array = np.array(values if usable else [np.nan], dtype=np.float64)
+    except (TypeError, ValueError):
+        array = np.array([np.nan])
+    if array.shape != (count,) or not np.all(np.isfinite(array)):
+        raise InputError(f"{path}: landmark {name}: {values!r} is not a list of {count} numbers")
+    return array

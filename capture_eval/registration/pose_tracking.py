@@ -1,0 +1,163 @@
+"""The neutral mesh deformed to another pose by lifted matches and the scan, starting from the previous pose.
+
+Lengths are in the frame in which the template is 300 units large.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from capture_eval.registration.deformation_solver import DeformationSolver, SurfaceConstraints, cauchy_weights
+from capture_eval.registration.lifted_matches import (
+    MaterialMatches,
+    consistent_with_prediction,
+    near_present_fit,
+)
+from capture_eval.registration.nonrigid_icp import closest_point_constraints
+from capture_eval.registration.surface_correspondence import Surface
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class TrackingOptions:
+    """Schedule of a pose's fit.
+
+    Parameters
+    ----------
+    stiffness : tuple of float
+        Laplacian weight of each step.
+    edge_stiffness : float
+    surface_from : int
+        First step with the scan's planes.
+    distance_limit : (first, last)
+    normal_cosine : float
+    match_weight, match_scale : float
+        Weight of a match, and the residual at which it counts half (Cauchy).
+    chain_weight : float
+        Weight of matches against the previous pose, relative; they are used up to the first selection.
+    selection_steps, selection_limits : tuples
+        Steps at which matches are selected anew from the present fit, and how near they must be.
+    anchor_weight : float
+        Weight that lets far, unseen skin follow the nearest measured skin.
+    """
+
+    stiffness: tuple[float, ...] = (20, 10, 5, 3, 2, 1, 1, 3, 3)
+    edge_stiffness: float = 0.05
+    surface_from: int = 2
+    distance_limit: tuple[float, float] = (6.0, 2.5)
+    normal_cosine: float = 0.7
+    match_weight: float = 1.0
+    match_scale: float = 0.7
+    chain_weight: float = 0.5
+    selection_steps: tuple[int, ...] = (3, 5, 7)
+    selection_limits: tuple[float, ...] = (3.0, 2.0, 1.5)
+    anchor_weight: float = 0.02
+
+
+@dataclass(frozen=True)
+class TrackedPose:
+    """Result of a pose's fit.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float64
+    matches : MaterialMatches
+        The matches in use at the end.
+    selected_share : float
+        Share of all merged matches in use at the end: low where the pose shows something else.
+    """
+
+    vertices: Floats
+    matches: MaterialMatches
+    selected_share: float
+
+
+def track_pose(
+    solver: DeformationSolver,
+    skin: NDArray[np.bool_],
+    predicted: Floats,
+    scan: Surface,
+    matches: MaterialMatches,
+    chain: MaterialMatches,
+    options: TrackingOptions,
+) -> TrackedPose:
+    """Deform the neutral (rest shape of the solver) to a pose.
+
+    Parameters
+    ----------
+    predicted : (V, 3)
+        The previous pose's mesh.
+    matches : MaterialMatches
+        Against the neutral, merged by voxel.
+    chain : MaterialMatches
+        Against the previous pose, merged by voxel; they only help to start.
+    """
+    triangles = solver.operators.triangles
+    rest = solver.operators.vertices
+    positions = predicted
+    good = consistent_with_prediction(matches, rest, predicted, triangles)
+    chain_good = consistent_with_prediction(chain, rest, predicted, triangles)
+    limits = np.geomspace(*options.distance_limit, len(options.stiffness))
+    for step, alpha in enumerate(options.stiffness):
+        if step in options.selection_steps:
+            limit = options.selection_limits[options.selection_steps.index(step)]
+            good = near_present_fit(matches, positions, triangles, limit)
+        constraints = [match_constraints(matches.select(good), positions, triangles, options)]
+        if step < options.selection_steps[0]:
+            pulls = match_constraints(chain.select(chain_good), positions, triangles, options)
+            constraints.append(pulls.with_weight(options.chain_weight * pulls.weight))
+        if step >= options.surface_from:
+            planes, _ = closest_point_constraints(
+                positions, triangles, skin, scan, float(limits[step]), options.normal_cosine
+            )
+            constraints.append(planes)
+        measured = measured_vertices(constraints, len(rest))
+        constraints.append(anchor_constraints(rest, positions, skin, measured, options.anchor_weight))
+        positions = solver.solve(positions, alpha, options.edge_stiffness, constraints)
+    share = np.count_nonzero(good) / max(len(good), 1)
+    return TrackedPose(positions, matches.select(good), float(share))
+
+
+def match_constraints(
+    matches: MaterialMatches, positions: Floats, triangles: Integers, options: TrackingOptions
+) -> SurfaceConstraints:
+    """Point constraints of matches, far ones counting less."""
+    residual = np.linalg.norm(matches.points(positions, triangles) - matches.target, axis=1)
+    weight = options.match_weight * matches.weight * cauchy_weights(residual, options.match_scale)
+    return SurfaceConstraints(triangles[matches.triangle], matches.barycentric, matches.target, None, weight)
+
+
+def measured_vertices(constraints: list[SurfaceConstraints], count: int) -> NDArray[np.bool_]:
+    """Vertices on which some constraint acts, (V,) bool."""
+    touched = np.zeros(count, dtype=np.bool_)
+    for rows in constraints:
+        used = rows.weight > 0
+        touched[rows.corners[used][rows.barycentric[used] > 0]] = True
+    return touched
+
+
+def anchor_constraints(
+    rest: Floats,
+    positions: Floats,
+    skin: NDArray[np.bool_],
+    measured: NDArray[np.bool_],
+    weight: float,
+    neighbours: int = 24,
+) -> SurfaceConstraints:
+    """Weak pulls that move unmeasured skin as the nearest measured skin moved from the rest shape."""
+    free = np.flatnonzero(skin & ~measured)
+    known = np.flatnonzero(skin & measured)
+    if len(free) == 0 or len(known) < neighbours or weight <= 0:
+        return SurfaceConstraints.at_vertices(free[:0], np.zeros((0, 3)), np.zeros(0))
+    found = cKDTree(rest[known]).query(rest[free], neighbours)
+    distance, index = np.asarray(found[0]), np.asarray(found[1])
+    share = 1.0 / (distance + 1e-6 * distance.max() + 1e-12)
+    share /= share.sum(axis=1, keepdims=True)
+    moved = np.einsum("nk,nki->ni", share, (positions - rest)[known[index]])
+    return SurfaceConstraints.at_vertices(free, rest[free] + moved, np.full(len(free), weight))

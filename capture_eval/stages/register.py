@@ -1,0 +1,480 @@
+"""All poses of a capture in the template's topology: neutral, tracking, texture rounds, collection."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture_eval.errors import InputError, RegistrationError
+from capture_eval.files.atomic import read_json, read_npz, write_json, write_npz
+from capture_eval.files.colmap_files import read_sparse_model
+from capture_eval.files.landmark_files import read_landmarks
+from capture_eval.registration.deformation_solver import DeformationSolver
+from capture_eval.registration.landmark_triangulation import landmark_similarity, triangulate_point
+from capture_eval.registration.lifted_matches import (
+    LiftingOptions,
+    MaterialMatches,
+    lift_matches,
+    merge_agreeing,
+)
+from capture_eval.registration.mesh_operators import build_mesh_operators
+from capture_eval.registration.nonrigid_icp import (
+    Landmarks,
+    NonrigidIcpOptions,
+    closest_point_constraints,
+    fit_template,
+    hidden_stiffness,
+)
+from capture_eval.registration.photo_visibility import count_seen
+from capture_eval.registration.pose_tracking import TrackingOptions, track_pose
+from capture_eval.registration.surface_correspondence import Surface
+from capture_eval.registration.template_visibility import skin_vertices
+from capture_eval.registration.texture_baking import BakedTexture, bake_texture
+from capture_eval.registration.texture_rounds import PhotoSet, RefinedPose, RoundOptions, refine_by_texture
+from capture_eval.registration.vertex_confidence import ConfidenceOptions, VertexQuality, vertex_quality
+from capture_eval.similarity import Similarity
+from capture_eval.stages.align import load_alignment, pose_status
+from capture_eval.stages.registration_inputs import (
+    Template,
+    load_photo_set,
+    load_pose_photos,
+    load_scan,
+    load_similarities,
+    load_template,
+    save_similarities,
+)
+
+logger = logging.getLogger("capture_eval.register")
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RegisterOptions:
+    """Options of the register stage; lengths are in units of a template that is 300 large.
+
+    Attributes
+    ----------
+    neutral_rounds, pose_rounds : RoundOptions
+        Texture rounds of the neutral and of every other pose.
+    flow_texels, stereo_texels : int
+        Sizes of the two atlases.
+    minimum_match_share : float
+        A pose in which fewer of the cross-pose matches fit the registered mesh is a failed one.
+    minimum_matches : int
+        So is a pose with fewer matches in use.
+    """
+
+    neutral: NonrigidIcpOptions = field(default_factory=NonrigidIcpOptions)
+    lifting: LiftingOptions = field(default_factory=LiftingOptions)
+    tracking: TrackingOptions = field(default_factory=TrackingOptions)
+    neutral_rounds: RoundOptions = field(
+        default_factory=lambda: RoundOptions(half_ranges=(1.5, 0.8, 0.5), stiffness=1.5, use_flow=False)
+    )
+    pose_rounds: RoundOptions = field(default_factory=RoundOptions)
+    confidence: ConfidenceOptions = field(default_factory=ConfidenceOptions)
+    flow_texels: int = 1024
+    stereo_texels: int = 512
+    minimum_match_share: float = 0.25
+    minimum_matches: int = 40
+
+
+def register_neutral(
+    work: Path,
+    template: Path,
+    landmarks: Path,
+    pose_names: Sequence[str],
+    options: RegisterOptions,
+    occluders: Path | None = None,
+) -> dict[str, Any]:
+    """Fit the template to the neutral scan and write `register/neutral.npz` and `head_from_pose.npz`.
+
+    Returns
+    -------
+    dict
+        Content of register/neutral.json: landmark residuals, share of matched skin, CPU seconds.
+
+    Raises
+    ------
+    InputError, RegistrationError
+        Landmarks or scan do not lead to a fit; nothing can be evaluated without a neutral.
+    """
+    started = time.process_time()
+    folder = work / "register"
+    parts = load_template(template, occluders)
+    neutral = pose_names[0]
+    _require(work, neutral)
+    head_from_neutral, placed, rows = _place_landmarks(work / neutral, landmarks, parts)
+    alignment = load_alignment(work)
+    links = [alignment.get(name) for name in pose_names]
+    head_from_pose = [None if link is None else head_from_neutral.compose(link) for link in links]
+    save_similarities(folder / "head_from_pose.npz", pose_names, head_from_pose)
+    working = parts.working_from_head.compose(head_from_neutral)
+    scan = load_scan(work / neutral, working)
+    rest = parts.working_from_head.apply(parts.mesh.vertices)
+    blockers = _working_occluders(parts)
+    skin = skin_vertices(rest, parts.triangles, blockers)
+    logger.info("register neutral: %d of %d vertices are skin", np.count_nonzero(skin), len(skin))
+    fit = fit_template(rest, parts.triangles, skin, scan, placed, options.neutral)
+    logger.info("register neutral: fitted, texture stereo follows")
+    photos = load_photo_set(work / neutral, working)
+    refined, texture = _refine_neutral(parts, fit.vertices, skin, photos, scan, options)
+    quality = _quality(parts, refined, photos, scan, skin, options)
+    write_npz(
+        folder / "neutral.npz",
+        {"before_rounds": parts.unit * fit.vertices, "skin": skin} | _saved(parts, refined.vertices, quality),
+    )
+    write_npz(folder / "neutral_texture.npz", {"image": texture.image, "weight": texture.weight, "mask": texture.mask})
+    report = {
+        "status": "ok",
+        "landmarks": rows,
+        "template_layout": "own" if parts.own_layout else "cylinder",
+        "matched_share": float(np.mean(fit.matched[skin])),
+        "skin_vertices": int(np.count_nonzero(skin)),
+        "seen_vertices": int(np.count_nonzero(quality.seen)),
+        "cpu_seconds": round(time.process_time() - started, 3),
+    }
+    write_json(folder / "neutral.json", report)
+    return report
+
+
+def _require(work: Path, neutral: str) -> None:
+    for stage in ("sparse", "surface"):
+        status = pose_status(work, neutral, stage)
+        if status not in ("ok", "missing") or (status == "missing" and stage == "sparse"):
+            raise RegistrationError(
+                f"{neutral}: stage {stage} of the neutral pose is {status}; nothing can be registered"
+            )
+
+
+def _place_landmarks(neutral: Path, path: Path, parts: Template) -> tuple[Similarity, Landmarks, list[dict[str, Any]]]:
+    """Similarity to the head frame, landmarks in the working frame, and a row per landmark."""
+    views = read_sparse_model(neutral / "sparse").views
+    rows: list[dict[str, Any]] = []
+    vertices, places, names = [], [], []
+    for landmark in read_landmarks(path, len(parts.mesh.vertices)):
+        row: dict[str, Any] = {"name": landmark.name, "vertex": landmark.vertex, "used": True, "reason": ""}
+        if landmark.point is not None:
+            place = landmark.point
+        else:
+            try:
+                found = triangulate_point(views, landmark.photos)
+                place, row["reprojection_error_px"] = found.position, found.reprojection_error
+            except RegistrationError as error:
+                rows.append(row | {"used": False, "reason": str(error)})
+                logger.info("landmark %s is left out: %s", landmark.name, error)
+                continue
+        rows.append(row)
+        vertices.append(landmark.vertex)
+        places.append(place)
+        names.append(landmark.name)
+    if len(places) < 4:
+        raise InputError(f"{path}: only {len(places)} landmarks could be placed in space, at least 4 are needed")
+    index = np.array(vertices, dtype=np.int64)
+    head_from_neutral, residual = landmark_similarity(np.array(places), parts.mesh.vertices[index], names)
+    size = parts.unit * 300.0
+    for row, distance in zip([row for row in rows if row["used"]], residual, strict=True):
+        row["residual"] = float(distance / size)
+    working = parts.working_from_head.compose(head_from_neutral)
+    placed = Landmarks(index, working.apply(np.array(places)), np.ones(len(index)))
+    return head_from_neutral, placed, rows
+
+
+def _working_occluders(parts: Template) -> tuple[Floats, NDArray[np.int64]] | None:
+    if parts.occluders is None:
+        return None
+    return parts.working_from_head.apply(parts.occluders[0]), parts.occluders[1]
+
+
+def _refine_neutral(
+    parts: Template,
+    fitted: Floats,
+    skin: NDArray[np.bool_],
+    photos: PhotoSet,
+    scan: Surface,
+    options: RegisterOptions,
+) -> tuple[RefinedPose, BakedTexture]:
+    solver = DeformationSolver(build_mesh_operators(fitted, parts.triangles), hidden_stiffness(skin))
+    atlases = parts.atlases(options.flow_texels, options.stereo_texels)
+    refined = refine_by_texture(solver, fitted, skin, photos, atlases, None, scan, None, options.neutral_rounds)
+    texture = bake_texture(refined.vertices, parts.triangles, atlases.flow, photos.views, photos.images)
+    return refined, texture
+
+
+def _quality(
+    parts: Template,
+    refined: RefinedPose,
+    photos: PhotoSet,
+    scan: Surface,
+    skin: NDArray[np.bool_],
+    options: RegisterOptions,
+) -> VertexQuality:
+    planes, _ = closest_point_constraints(refined.vertices, parts.triangles, skin, scan, 6.0, 0.5)
+    return vertex_quality(
+        refined.vertices,
+        parts.triangles,
+        refined.flow,
+        refined.stereo,
+        planes,
+        count_seen(refined.vertices, parts.triangles, photos.views),
+        skin,
+        options.confidence,
+    )
+
+
+def _saved(parts: Template, vertices: Floats, quality: VertexQuality) -> dict[str, NDArray[Any]]:
+    """Arrays of one registered pose in the head frame."""
+    return {
+        "vertices": parts.unit * vertices,
+        "residual": parts.unit * quality.residual,
+        "confidence": quality.confidence,
+        "seen": quality.seen,
+    }
+
+
+def track_poses(
+    work: Path,
+    template: Path,
+    pose_names: Sequence[str],
+    options: RegisterOptions,
+    occluders: Path | None = None,
+) -> dict[str, Any]:
+    """Deform the neutral to every other pose in turn and write `register/start.npz`.
+
+    A pose without scan or alignment, or whose matches do not fit, is a row of NaN with a reason; the next pose
+    starts from the last good one.
+    """
+    parts = load_template(template, occluders)
+    folder = work / "register"
+    neutral = read_npz(folder / "neutral.npz")
+    links = load_similarities(folder / "head_from_pose.npz")
+    rest, skin = neutral["vertices"] / parts.unit, neutral["skin"]
+    solver = DeformationSolver(build_mesh_operators(rest, parts.triangles), hidden_stiffness(skin))
+    first = links[pose_names[0]]
+    if first is None:
+        raise RegistrationError(f"{pose_names[0]}: the neutral pose is not aligned")
+    tracker = _Tracker(parts, skin, solver, options)
+    tracker.start(work / pose_names[0], first, rest)
+    vertices = np.full((len(pose_names), *rest.shape), np.nan)
+    vertices[0] = parts.unit * rest
+    rows: list[dict[str, Any]] = [{"pose": pose_names[0], "status": "ok", "reason": ""}]
+    for index, name in enumerate(pose_names[1:], start=1):
+        row, tracked = tracker.advance(work / name, links.get(name))
+        rows.append({"pose": name} | row)
+        logger.info("track %s: %s %s", name, row["status"], row["reason"])
+        if tracked is not None:
+            vertices[index] = parts.unit * tracked
+    ok = np.array([row["status"] == "ok" for row in rows])
+    write_npz(folder / "start.npz", {"pose_names": np.array(list(pose_names)), "vertices": vertices, "ok": ok})
+    quality = {"poses": rows}
+    write_json(folder / "tracking.json", quality)
+    return quality
+
+
+class _Tracker:
+    """Goes from pose to pose; remembers the neutral's and the last good pose's rays."""
+
+    def __init__(
+        self, parts: Template, skin: NDArray[np.bool_], solver: DeformationSolver, options: RegisterOptions
+    ) -> None:
+        self.parts, self.skin, self.solver, self.options = parts, skin, solver, options
+
+    def start(self, pose_folder: Path, head_from_pose: Similarity, rest: Floats) -> None:
+        working = self.parts.working_from_head.compose(head_from_pose)
+        self.neutral_photos = load_pose_photos(pose_folder, working)
+        self.neutral_hits = self.neutral_photos.lift(Surface(rest, self.parts.triangles))
+        self.previous_photos, self.previous_hits = self.neutral_photos, self.neutral_hits
+        self.previous = rest
+
+    def advance(self, pose_folder: Path, head_from_pose: Similarity | None) -> tuple[dict[str, Any], Floats | None]:
+        started = time.process_time()
+        fault = _pose_fault(pose_folder, head_from_pose)
+        if fault or head_from_pose is None:
+            return {"status": "failed", "reason": fault}, None
+        working = self.parts.working_from_head.compose(head_from_pose)
+        scan = load_scan(pose_folder, working)
+        photos = load_pose_photos(pose_folder, working)
+        hits = photos.lift(scan)
+        lifting, rest = self.options.lifting, self.solver.operators.vertices
+        triangles = self.parts.triangles
+        raw = lift_matches(self.neutral_photos, self.neutral_hits, photos, hits, lifting)
+        matches = merge_agreeing(raw, rest, triangles, lifting)
+        chained = lift_matches(self.previous_photos, self.previous_hits, photos, hits, lifting)
+        chain = merge_agreeing(chained, self.previous, triangles, lifting)
+        tracked = track_pose(self.solver, self.skin, self.previous, scan, matches, chain, self.options.tracking)
+        row = {
+            "status": "ok",
+            "reason": "",
+            "raw_matches": len(raw.triangle),
+            "matches": len(matches.triangle),
+            "used_matches": len(tracked.matches.triangle),
+            "selected_share": tracked.selected_share,
+            "cpu_seconds": round(time.process_time() - started, 3),
+        }
+        fault = self._match_fault(row)
+        if fault:
+            return row | {"status": "failed", "reason": fault}, None
+        _save_matches(pose_folder / "matches.npz", tracked.matches, self.parts.unit)
+        self.previous_photos, self.previous = photos, tracked.vertices
+        self.previous_hits = photos.lift(Surface(tracked.vertices, triangles))
+        return row, tracked.vertices
+
+    def _match_fault(self, row: dict[str, Any]) -> str:
+        if row["used_matches"] < self.options.minimum_matches:
+            return f"{row['used_matches']} matches with the neutral fit, {self.options.minimum_matches} are needed"
+        if row["selected_share"] < self.options.minimum_match_share:
+            return (
+                f"only {row['selected_share']:.0%} of the matches with the neutral fit one deformation, "
+                f"{self.options.minimum_match_share:.0%} are needed"
+            )
+        return ""
+
+
+def _pose_fault(pose_folder: Path, head_from_pose: Similarity | None) -> str:
+    for stage in ("sparse", "surface"):
+        status = pose_status(pose_folder.parent, pose_folder.name, stage)
+        if status not in ("ok", "missing"):
+            return f"stage {stage} is {status}"
+    if head_from_pose is None:
+        return "not aligned to the neutral"
+    if not (pose_folder / "scan.ply").is_file():
+        return "no scan"
+    return ""
+
+
+def _save_matches(path: Path, matches: MaterialMatches, unit: float) -> None:
+    write_npz(
+        path,
+        {
+            "triangle": matches.triangle,
+            "barycentric": matches.barycentric,
+            "target": unit * matches.target,
+            "weight": matches.weight,
+        },
+    )
+
+
+def refine_pose(
+    work: Path,
+    template: Path,
+    pose_name: str,
+    options: RegisterOptions,
+    occluders: Path | None = None,
+) -> dict[str, Any]:
+    """Texture rounds of one pose; writes `registered.npz` and `registered.json` into its folder.
+
+    A pose that was not tracked gets status `skipped`.
+    """
+    started = time.process_time()
+    folder = work / "register"
+    start = read_npz(folder / "start.npz")
+    names = [str(name) for name in start["pose_names"]]
+    if pose_name not in names:
+        raise InputError(f"{folder / 'start.npz'}: no pose {pose_name}")
+    index = names.index(pose_name)
+    if not start["ok"][index]:
+        (work / pose_name / "registered.npz").unlink(missing_ok=True)
+        row: dict[str, Any] = {"status": "skipped", "reason": "not tracked"}
+        write_json(work / pose_name / "registered.json", row)
+        return row
+    neutral = read_npz(folder / "neutral.npz")
+    if index == 0:
+        arrays = {key: neutral[key] for key in ("vertices", "residual", "confidence", "seen")}
+    else:
+        arrays = _refined_arrays(
+            work, load_template(template, occluders), pose_name, neutral, start["vertices"][index], options
+        )
+    write_npz(work / pose_name / "registered.npz", arrays)
+    row = {
+        "status": "ok",
+        "reason": "",
+        "confident_share_of_seen": float(np.mean(arrays["confidence"][arrays["seen"]] > 0.5)),
+        "cpu_seconds": round(time.process_time() - started, 3),
+    }
+    write_json(work / pose_name / "registered.json", row)
+    logger.info("refine %s: ok", pose_name)
+    return row
+
+
+def _refined_arrays(
+    work: Path,
+    parts: Template,
+    pose_name: str,
+    neutral: dict[str, NDArray[Any]],
+    start: Floats,
+    options: RegisterOptions,
+) -> dict[str, NDArray[Any]]:
+    folder = work / "register"
+    link = load_similarities(folder / "head_from_pose.npz")[pose_name]
+    if link is None:
+        raise RegistrationError(f"{pose_name}: tracked but not aligned; run the align stage again")
+    working = parts.working_from_head.compose(link)
+    skin = neutral["skin"]
+    rest = neutral["vertices"] / parts.unit
+    solver = DeformationSolver(build_mesh_operators(rest, parts.triangles), hidden_stiffness(skin))
+    saved = read_npz(folder / "neutral_texture.npz")
+    texture = BakedTexture(saved["image"], saved["weight"], saved["mask"])
+    raw = read_npz(work / pose_name / "matches.npz")
+    matches = MaterialMatches(raw["triangle"], raw["barycentric"], raw["target"] / parts.unit, raw["weight"])
+    photos = load_photo_set(work / pose_name, working)
+    scan = load_scan(work / pose_name, working)
+    refined = refine_by_texture(
+        solver,
+        start / parts.unit,
+        skin,
+        photos,
+        parts.atlases(options.flow_texels, options.stereo_texels),
+        texture,
+        scan,
+        matches,
+        options.pose_rounds,
+    )
+    return _saved(parts, refined.vertices, _quality(parts, refined, photos, scan, skin, options))
+
+
+def collect_registration(
+    work: Path, pose_names: Sequence[str], t: Sequence[float], options: RegisterOptions
+) -> dict[str, Any]:
+    """Gather all poses in `register/registered.npz`; poses without a result are rows of NaN."""
+    del options
+    if len(t) != len(pose_names):
+        raise InputError(f"registration: {len(pose_names)} poses but {len(t)} times")
+    neutral = read_npz(work / "register" / "neutral.npz")
+    shape = neutral["vertices"].shape
+    poses = len(pose_names)
+    vertices = np.full((poses, *shape), np.nan)
+    residual = np.full((poses, shape[0]), np.nan)
+    confidence = np.zeros((poses, shape[0]))
+    seen = np.zeros((poses, shape[0]), dtype=np.bool_)
+    rows = []
+    for index, name in enumerate(pose_names):
+        report = work / name / "registered.json"
+        row = {"status": "missing", "reason": "never refined"} if not report.is_file() else read_json(report)
+        rows.append({"pose": name, "status": row["status"], "reason": row.get("reason", "")})
+        if row["status"] == "ok":
+            arrays = read_npz(work / name / "registered.npz")
+            vertices[index], residual[index] = arrays["vertices"], arrays["residual"]
+            confidence[index], seen[index] = arrays["confidence"], arrays["seen"]
+    ok = np.array([row["status"] == "ok" for row in rows])
+    write_npz(
+        work / "register" / "registered.npz",
+        {
+            "t": np.asarray(t, dtype=np.float64),
+            "vertices": vertices,
+            "residual": residual,
+            "confidence": confidence,
+            "seen": seen,
+            "pose_ok": ok,
+            "pose_names": np.array(list(pose_names)),
+        },
+    )
+    quality = {"poses": rows, "registered": int(np.count_nonzero(ok))}
+    write_json(work / "register" / "registered.json", quality)
+    return quality
