@@ -50,6 +50,39 @@ def depth_image(
     return buffer
 
 
+def clear_of_edges(
+    view: View, vertices: Floats, triangles: Integers, occluders: Blockers | None, margin: int
+) -> NDArray[np.float32]:
+    """Depth image (H, W) in which pixels within ``margin`` of an occluding edge show nothing (minus infinity).
+
+    An edge is where a line of depths bends by more than two pixels' width (a smooth surface does not, even
+    when it is steep), where the skin ends, or where an occluder begins. Photos mix two surfaces there, and the
+    dark line between two lips is no detail of either.
+    """
+    import cv2
+
+    skin = depth_image(view, vertices, triangles)
+    everything = skin.copy()
+    if occluders is not None and len(occluders[1]):
+        from capture_eval.registration import texture_kernels
+
+        texture_kernels.depth_buffer(
+            camera_numbers(view), np.ascontiguousarray(occluders[0]), np.ascontiguousarray(occluders[1]), everything
+        )
+    known = np.isfinite(skin)
+    if not known.any():
+        return everything
+    far = float(skin[known].max()) * 2.0
+    depth = np.where(known, skin, far)
+    limit = 2.0 * float(np.median(skin[known])) / float(view.intrinsics.matrix[0, 0])
+    edge = everything < skin
+    edge[:, 1:-1] |= np.abs(depth[:, :-2] - 2.0 * depth[:, 1:-1] + depth[:, 2:]) > limit
+    edge[1:-1] |= np.abs(depth[:-2] - 2.0 * depth[1:-1] + depth[2:]) > limit
+    window = np.ones((2 * margin + 1, 2 * margin + 1), dtype=np.uint8)
+    everything[cv2.dilate(edge.astype(np.uint8), window) > 0] = -np.inf
+    return everything
+
+
 def visible_points(
     view: View, depth: NDArray[np.float32], points: Floats, normals: Floats, minimum_cosine: float, tolerance: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

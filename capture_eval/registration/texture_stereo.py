@@ -15,7 +15,7 @@ from capture_eval.errors import InputError
 from capture_eval.registration.photo_visibility import (
     Blockers,
     camera_numbers,
-    depth_image,
+    clear_of_edges,
     depth_tolerance,
     visible_points,
 )
@@ -75,6 +75,8 @@ class StereoOptions:
         Width of the Gaussian window in which the views are compared.
     minimum_score : float
         Least photo consistency.
+    edge_margin : int
+        A photo has no vote within so many pixels of an occluding edge (lips, lids, nostrils, silhouettes).
     border_margin : float
         Texels nearer to a chart's border are not used.
     step : int
@@ -84,11 +86,12 @@ class StereoOptions:
     offsets: int = 11
     minimum_cosine: float = 0.25
     views: int = 16
-    minimum_views: int = 3
-    cosine_power: float = 0.0
-    high_pass_sigma: float = 3.5
+    minimum_views: int = 4
+    cosine_power: float = 1.0
+    high_pass_sigma: float = 2.5
     window_sigma: float = 1.7
     minimum_score: float = 0.35
+    edge_margin: int = 2
     border_margin: float = 1.0
     step: int = 1
 
@@ -152,9 +155,10 @@ def texture_stereo(
     row, column = np.divmod(flat, atlas.size)
     kept = (row % options.step == 0) & (column % options.step == 0) & np.isfinite(field.offset)
     kept &= (field.score > options.minimum_score) & (atlas.border_distance[row, column] > options.border_margin)
-    span = 1.0 - options.minimum_score
-    likeness = np.clip((field.score[kept] - options.minimum_score) / span, 0.0, 1.0)
-    weight = likeness * field.sharpness[kept] / (field.sharpness[kept] + 0.05)
+    # The variance of a best match is (1 - score) / bend; measured against truth, the error grows with it steadily,
+    # and 0.7 is its middle on skin.
+    deviation = np.sqrt((1.02 - field.score[kept]) / np.maximum(field.sharpness[kept], 1e-9))
+    weight = 1.0 / (1.0 + (deviation / 0.7) ** 4)
     return OffsetConstraints(
         triangle[kept].astype(np.int64),
         barycentric[kept].astype(np.float64),
@@ -211,7 +215,7 @@ def _votes(
     tolerance = depth_tolerance(vertices)
     cosines = np.empty((len(views), len(points)), dtype=np.float32)
     for row, view in enumerate(views):
-        depth = depth_image(view, vertices, triangles, occluders)
+        depth = clear_of_edges(view, vertices, triangles, occluders, options.edge_margin)
         cosines[row] = visible_points(view, depth, points, normals, options.minimum_cosine, tolerance)[0]
     if len(views) > options.views:
         least = np.partition(cosines, len(views) - options.views, axis=0)[len(views) - options.views]
