@@ -31,7 +31,7 @@ class DynamicPde:
     """Interpolation whose curves obey the dynamic PDE of paper 003.
 
     Only the ratios c/k, m/k, m/c and κ/k matter. With the default parameters the harmonics of closed curves follow
-    t^R to 1e-3 and those of open ones (16 times less stiff) to 2e-2: the physics shows where c/k is 100 or more.
+    t^R to 2e-3 and those of open ones (16 times less stiff) to 3e-2: the physics shows where c/k is 100 or more.
 
     Parameters
     ----------

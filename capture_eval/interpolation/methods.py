@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
 from capture_eval.errors import InputError
@@ -60,3 +60,31 @@ def create_method(identifier: str, options: Mapping[str, object] | None = None) 
         raise InputError(f"method '{identifier}': options {chosen} have a wrong type ({problem})") from problem
     except InputError as problem:
         raise InputError(f"method '{identifier}': {problem}") from problem
+
+
+def create_methods(entries: Sequence[tuple[str, Mapping[str, object]]]) -> dict[str, InterpolationMethod]:
+    """Methods by the name under which their results are stored.
+
+    Parameters
+    ----------
+    entries : sequence of (identifier, options)
+        In the order of the results. An identifier used once is the name; one used with several options has them in
+        its names, as in ``pde_quadratic(damping=10)``.
+
+    Raises
+    ------
+    InputError
+        No entry, an unknown identifier or option, or twice the same method.
+    """
+    if not entries:
+        raise InputError("no interpolation method is asked for; 'linear' is the least")
+    identifiers = [identifier for identifier, _ in entries]
+    created: dict[str, InterpolationMethod] = {}
+    for identifier, options in entries:
+        name = identifier
+        if identifiers.count(identifier) > 1 and options:
+            name = f"{identifier}({','.join(f'{key}={options[key]}' for key in sorted(options))})"
+        if name in created:
+            raise InputError(f"method '{name}' is asked for twice with the same options")
+        created[name] = create_method(identifier, options)
+    return created

@@ -1,0 +1,331 @@
+"""Registered meshes to errors: curves, predictions, errors.csv, summary.json and tables."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture_eval.curves.edge_loops import edge_topology
+from capture_eval.curves.extract import Curve, CurveSet, extract_curves, resolve_curves
+from capture_eval.errors import InputError
+from capture_eval.evaluation.error_table import ErrorTable, Evaluation, check_pose_times, evaluate_curves
+from capture_eval.evaluation.summary import summarise
+from capture_eval.evaluation.truth_comparison import compare_with_truth
+from capture_eval.files.atomic import read_npz, write_json, write_npz, write_text
+from capture_eval.files.curve_files import read_curves
+from capture_eval.files.mesh_files import read_mesh
+from capture_eval.interpolation.method import InterpolationMethod
+from capture_eval.interpolation.methods import create_methods
+from capture_eval.polygon_mesh import PolygonMesh
+from capture_eval.report.tables import errors_csv, lme_lae_table, per_curve_table, to_csv, to_latex, to_markdown
+from capture_eval.triangle_geometry import diameter
+
+logger = logging.getLogger("capture_eval.evaluate")
+
+Floats = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
+MethodEntries = Sequence[tuple[str, Mapping[str, object]]]
+
+
+@dataclass(frozen=True)
+class EvaluateOptions:
+    """Options of the evaluation.
+
+    Attributes
+    ----------
+    evaluation_vertices : {"confident", "seen", "all"}
+        Vertices that count in the errors of a capture: whose confidence reaches the threshold in every registered
+        pose, which enough photos see in every registered pose, or all. Meshes given as such always count in full.
+    confidence_threshold : float
+        In [0, 1].
+    """
+
+    evaluation_vertices: Literal["confident", "seen", "all"] = "confident"
+    confidence_threshold: float = 0.5
+
+
+@dataclass(frozen=True)
+class _Poses:
+    """Registered poses: times, positions (NaN where a pose failed), and what is known of every vertex."""
+
+    t: Floats
+    vertices: Floats
+    ok: Booleans
+    confidence: Floats | None = None
+    seen: Booleans | None = None
+
+    def with_vertices(self, vertices: Floats) -> _Poses:
+        """The same poses with other positions; failed poses stay NaN."""
+        kept = np.where(self.ok[:, None, None], vertices, np.nan)
+        return _Poses(self.t, kept, self.ok, self.confidence, self.seen)
+
+
+def evaluate_capture(
+    work: Path, template: Path, curves: Path, methods: MethodEntries, report: Path, options: EvaluateOptions
+) -> dict[str, Any]:
+    """Evaluate all methods on the registered meshes of a capture.
+
+    Parameters
+    ----------
+    work : Path
+        Work folder with ``register/registered.npz``.
+    template : Path
+        Mesh with the topology of the registered vertices.
+    curves : Path
+        Curves file.
+    methods : sequence of (identifier, options)
+        As in the manifest.
+    report : Path
+        Folder for ``errors.csv``, ``summary.json``, ``registered.npz``, ``curves.npz`` and the tables.
+    options : EvaluateOptions
+        Which vertices count.
+
+    Returns
+    -------
+    dict
+        The summary, as saved.
+
+    Raises
+    ------
+    InputError
+        Files that are missing or do not fit one another, or no usable neutral pose.
+    """
+    poses = _read_registered(Path(work) / "register" / "registered.npz")
+    mesh = _template_of(template, poses)
+    found = _resolve(curves, mesh)
+    counted = _counted_vertices(poses, options)
+    return _evaluate_and_save(poses, mesh, found, methods, counted, options.evaluation_vertices, Path(report))
+
+
+def evaluate_meshes(
+    meshes: Sequence[Path], t: Sequence[float], curves: Path, methods: MethodEntries, report: Path
+) -> dict[str, Any]:
+    """Evaluate all methods on meshes that already share one topology; all vertices count.
+
+    Parameters
+    ----------
+    meshes : sequence of Path
+        One OBJ or PLY per pose, in the order of the times.
+    t : sequence of float
+        Times, rising from 0 to 1.
+    curves, methods, report
+        See `evaluate_capture`.
+
+    Raises
+    ------
+    InputError
+        Meshes with other numbers of vertices or other faces than the first; the text names the file.
+    """
+    check_pose_times(t, len(meshes))
+    neutral = read_mesh(meshes[0])
+    positions = [neutral.vertices]
+    for path in meshes[1:]:
+        mesh = read_mesh(path)
+        if len(mesh.vertices) != len(neutral.vertices):
+            raise InputError(f"{path}: {len(mesh.vertices)} vertices, but {meshes[0]} has {len(neutral.vertices)}")
+        if not (
+            np.array_equal(mesh.face_offsets, neutral.face_offsets)
+            and np.array_equal(mesh.face_vertices, neutral.face_vertices)
+        ):
+            raise InputError(f"{path}: its faces differ from those of {meshes[0]}; all poses need one topology")
+        positions.append(mesh.vertices)
+    poses = _Poses(np.asarray(t, dtype=np.float64), np.stack(positions), np.ones(len(meshes), dtype=bool))
+    counted = np.ones(len(neutral.vertices), dtype=bool)
+    return _evaluate_and_save(poses, neutral, _resolve(curves, neutral), methods, counted, "all", Path(report))
+
+
+def evaluate_truth(
+    work: Path, template: Path, curves: Path, methods: MethodEntries, report: Path, options: EvaluateOptions
+) -> dict[str, Any]:
+    """Evaluate the true positions of the registered points in the same way, and compare the two outcomes.
+
+    Parameters
+    ----------
+    work : Path
+        Work folder with ``register/registered.npz`` and ``register/tracked_truth.npz`` (vertices (P, V, 3): where
+        the points of skin that the neutral registration found truly are in every pose).
+    template, curves, methods, options
+        As for `evaluate_capture`; the same points count.
+    report : Path
+        Folder for ``errors_truth.csv`` and ``truth_comparison.json``.
+
+    Returns
+    -------
+    dict
+        The comparison, as saved.
+
+    Raises
+    ------
+    InputError
+        Files that are missing or do not fit one another.
+    """
+    poses = _read_registered(Path(work) / "register" / "registered.npz")
+    truth_path = Path(work) / "register" / "tracked_truth.npz"
+    truth = read_npz(truth_path).get("vertices")
+    if truth is None or truth.shape != poses.vertices.shape:
+        shape = "no array 'vertices'" if truth is None else f"vertices {truth.shape}"
+        raise InputError(f"{truth_path}: {shape}, expected {poses.vertices.shape} as in registered.npz")
+    mesh = _template_of(template, poses)
+    found = _resolve(curves, mesh)
+    counted = _counted_vertices(poses, options)
+    created = create_methods(methods)
+    from_photos, _, _ = _evaluate(poses, found, created, counted)
+    from_truth, _, true_diameter = _evaluate(poses.with_vertices(np.asarray(truth)), found, created, counted)
+    comparison = {
+        "schema": "capture_eval.truth_comparison/1",
+        "D_truth": true_diameter,
+        **compare_with_truth(from_photos.table, from_truth.table),
+    }
+    write_text(Path(report) / "errors_truth.csv", errors_csv(from_truth.table.rows()))
+    write_json(Path(report) / "truth_comparison.json", comparison)
+    return comparison
+
+
+def _read_registered(path: Path) -> _Poses:
+    arrays = read_npz(path)
+    missing = [name for name in ("t", "vertices") if name not in arrays]
+    if missing:
+        raise InputError(f"{path}: no array {', '.join(missing)}")
+    t, vertices = np.asarray(arrays["t"], dtype=np.float64), np.asarray(arrays["vertices"], dtype=np.float64)
+    if vertices.ndim != 3 or vertices.shape[2] != 3:
+        raise InputError(f"{path}: vertices have shape {vertices.shape}, expected (poses, vertices, 3)")
+    t = check_pose_times(t, len(vertices))
+    ok = np.asarray(arrays.get("pose_ok", np.ones(len(t))), dtype=bool) & np.isfinite(vertices).all(axis=(1, 2))
+    confidence, seen = arrays.get("confidence"), arrays.get("seen")
+    for name, values in (("confidence", confidence), ("seen", seen)):
+        if values is not None and values.shape != vertices.shape[:2]:
+            raise InputError(f"{path}: {name} has shape {values.shape}, expected {vertices.shape[:2]}")
+    if not ok[0]:
+        raise InputError(f"{path}: the neutral pose (t = 0) was not registered, so nothing can be evaluated")
+    poses = _Poses(t, vertices, ok, confidence, None if seen is None else seen.astype(bool))
+    return poses.with_vertices(vertices)
+
+
+def _template_of(template: Path, poses: _Poses) -> PolygonMesh:
+    mesh = read_mesh(template)
+    if len(mesh.vertices) != poses.vertices.shape[1]:
+        raise InputError(
+            f"{template}: {len(mesh.vertices)} vertices, but the registered meshes have {poses.vertices.shape[1]}"
+        )
+    return mesh
+
+
+def _resolve(curves: Path, mesh: PolygonMesh) -> tuple[Curve, ...]:
+    specifications = read_curves(curves)
+    try:
+        return resolve_curves(specifications, edge_topology(mesh))
+    except InputError as problem:
+        raise InputError(f"{curves}: {problem}") from problem
+
+
+def _counted_vertices(poses: _Poses, options: EvaluateOptions) -> Booleans:
+    """Vertices that count: good in every registered pose."""
+    if not 0 <= options.confidence_threshold <= 1:
+        raise InputError(f"confidence_threshold {options.confidence_threshold} must be in [0, 1]")
+    everything = np.ones(poses.vertices.shape[1], dtype=bool)
+    if options.evaluation_vertices == "all":
+        return everything
+    if options.evaluation_vertices == "seen":
+        if poses.seen is None:
+            raise InputError("registered.npz has no array 'seen'; use evaluation_vertices: all")
+        return np.asarray(poses.seen[poses.ok].all(axis=0))
+    if options.evaluation_vertices == "confident":
+        if poses.confidence is None:
+            raise InputError("registered.npz has no array 'confidence'; use evaluation_vertices: all")
+        confident = np.nan_to_num(poses.confidence[poses.ok]) >= options.confidence_threshold
+        return np.asarray(confident.all(axis=0))
+    raise InputError(f"evaluation_vertices is '{options.evaluation_vertices}'; known are confident, seen, all")
+
+
+def _evaluate(
+    poses: _Poses, curves: Sequence[Curve], methods: Mapping[str, InterpolationMethod], counted: Booleans
+) -> tuple[Evaluation, CurveSet, float]:
+    extracted = extract_curves(curves, poses.vertices)
+    size = diameter(poses.vertices[0])
+    return evaluate_curves(extracted, poses.t, methods, size, counted), extracted, size
+
+
+def _evaluate_and_save(
+    poses: _Poses,
+    mesh: PolygonMesh,
+    curves: Sequence[Curve],
+    methods: MethodEntries,
+    counted: Booleans,
+    which: str,
+    report: Path,
+) -> dict[str, Any]:
+    created = create_methods(methods)
+    evaluation, extracted, size = _evaluate(poses, curves, created, counted)
+    summary = summarise(evaluation, extracted, created, size, poses.ok, which)
+    _log(summary)
+    _save_poses(report / "registered.npz", poses, mesh, counted)
+    _save_curves(report / "curves.npz", poses, extracted, evaluation)
+    _save_tables(report, summary, evaluation.table)
+    write_text(report / "errors.csv", errors_csv(evaluation.table.rows()))
+    write_json(report / "summary.json", summary)
+    return summary
+
+
+def _log(summary: Mapping[str, Any]) -> None:
+    counts = summary["counts"]
+    logger.info(
+        "%d of %d curves, %d of %d points, %d of %d in-between poses",
+        counts["curves_used"],
+        counts["curves"],
+        counts["points_used"],
+        counts["points"],
+        counts["in_between"] - counts["in_between_failed"],
+        counts["in_between"],
+    )
+    for name in counts["curves_failed"]:
+        logger.warning("curve '%s' has no point that counts in every pose", name)
+    for row in summary["methods"].values():
+        for line in row["warnings"]:
+            logger.warning("%s", line)
+
+
+def _save_poses(path: Path, poses: _Poses, mesh: PolygonMesh, counted: Booleans) -> None:
+    arrays: dict[str, NDArray[Any]] = {
+        "t": poses.t,
+        "vertices": poses.vertices,
+        "face_offsets": mesh.face_offsets,
+        "face_vertices": mesh.face_vertices,
+        "pose_ok": poses.ok,
+        "used_vertices": counted,
+    }
+    if poses.confidence is not None:
+        arrays["confidence"] = poses.confidence
+    if poses.seen is not None:
+        arrays["seen"] = poses.seen
+    write_npz(path, arrays)
+
+
+def _save_curves(path: Path, poses: _Poses, curves: CurveSet, evaluation: Evaluation) -> None:
+    """All curves one after the other: curve n owns the points ``offsets[n]:offsets[n + 1]``."""
+    sizes = [len(curve.vertices) for curve in curves.curves]
+    arrays: dict[str, NDArray[Any]] = {
+        "names": np.array([curve.name for curve in curves.curves]),
+        "methods": np.array(evaluation.table.methods),
+        "closed": np.array([curve.closed for curve in curves.curves]),
+        "offsets": np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
+        "vertices": np.concatenate([curve.vertices for curve in curves.curves]),
+        "used": np.concatenate(evaluation.counted),
+        "t": poses.t,
+        "truth": np.concatenate(curves.positions, axis=1),
+    }
+    for name, predicted in evaluation.predictions.items():
+        arrays[f"prediction/{name}"] = np.concatenate(predicted, axis=1)
+    write_npz(path, arrays)
+
+
+def _save_tables(report: Path, summary: Mapping[str, Any], table: ErrorTable) -> None:
+    per_curve = per_curve_table(table.curves, table.methods, table.n_points, table.average, table.maximum)
+    for name, content in (("table_lme_lae", lme_lae_table(summary)), ("table_per_curve", per_curve)):
+        for ending, write in (("csv", to_csv), ("md", to_markdown), ("tex", to_latex)):
+            write_text(report / f"{name}.{ending}", write(content))
