@@ -10,16 +10,8 @@ from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
-# system library -> Debian/Ubuntu package that has it; the wheels of Open3D and PyMeshLab load them
-SYSTEM_LIBRARIES = {
-    "libGL.so.1": "libgl1",
-    "libEGL.so.1": "libegl1",
-    "libOpenGL.so.0": "libopengl0",
-    "libgomp.so.1": "libgomp1",
-    "libusb-1.0.so.0": "libusb-1.0-0",
-    "libX11.so.6": "libx11-6",
-    "libglib-2.0.so.0": "libglib2.0-0",
-}
+from capture_eval.system_packages import SYSTEM_LIBRARIES
+
 PACKAGES = (
     "numpy", "scipy", "numba", "pycolmap", "pycolmap-cuda12", "open3d", "pymeshlab", "opencv-python-headless",
     "matplotlib", "plotly", "pydantic", "snakemake", "typer",
