@@ -80,8 +80,10 @@ def _run(capture: Capture, out: Path, options: RunOptions) -> None:
         raise InputError(
             f"{capture.path}: source is meshes, so there is nothing to reconstruct; use capture-eval compare"
         )
-    if capture.manifest.template is None and options.until is None:
+    if options.until is None and capture.manifest.template is None:
         print("no `template` in the manifest: the run ends with the cleaned scans (surface)", file=sys.stderr)
+    elif options.until is None and capture.manifest.curves is None:
+        print("no `curves` in the manifest: the run ends with the registered meshes (register)", file=sys.stderr)
     started = time.monotonic()
     _refuse_bad_input(capture, out)
     plan = run_plan(capture, out, options)

@@ -181,11 +181,8 @@ def validate_curves(capture: Capture, mesh: PolygonMesh | None) -> list[Problem]
     from capture_eval.files.curve_files import read_curves
 
     if capture.manifest.curves is None:
-        return [
-            Problem(
-                str(capture.path), "no `curves`; capture-eval curves list shows the loops to choose from", fatal=True
-            )
-        ]
+        text = "no `curves`, so nothing is evaluated; `capture-eval curves list` shows the loops to choose from"
+        return [Problem(str(capture.path), text, fatal=capture.manifest.source == "meshes")]
     path = capture.resolve(capture.manifest.curves)
     try:
         specifications = read_curves(path)

@@ -120,13 +120,17 @@ def last_step(capture: Capture, until: str | None) -> str:
     InputError
         If there is no such stage, or the stage needs a template that the manifest does not name.
     """
+    manifest = capture.manifest
+    furthest = "surface" if manifest.template is None else "collect" if manifest.curves is None else "report"
     if until is None:
-        return "report" if capture.manifest.template is not None else "surface"
+        return furthest
     if until not in STAGE_STEPS:
         raise InputError(f"--until {until}: no such stage; stages are {', '.join(STAGE_STEPS)}")
     step = STAGE_STEPS[until]
-    if capture.manifest.template is None and step not in JOBS["scan"]:
-        raise InputError(f"{capture.path}: no `template`, so the run ends with surface; add one for --until {until}")
+    order = [name for steps in JOBS.values() for name in steps]
+    if order.index(step) > order.index(furthest):
+        lacking = "template" if manifest.template is None else "curves"
+        raise InputError(f"{capture.path}: no `{lacking}` in the manifest, but --until {until} needs it")
     return step
 
 

@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from capture_eval.files.photo_files import list_photos
+from capture_eval.workflow.file_hashes import FileHashes
+from capture_eval.workflow.preflight import input_hashes
 from capture_eval.workflow.stage_options import stage_options
 
 if TYPE_CHECKING:
@@ -59,6 +61,23 @@ class StepContext:
         """Absolute path of a file that a part of the manifest names."""
         relative = getattr(getattr(self.capture.manifest, group), key)
         return None if relative is None else self.capture.resolve(relative)
+
+    @property
+    def report(self) -> Path:
+        """Folder of what a person reads."""
+        return self.out / "report"
+
+    @property
+    def curves(self) -> Path:
+        """The curves file."""
+        if self.capture.manifest.curves is None:
+            raise ValueError("curves is not in the manifest")  # the plan has made sure of it
+        return self.capture.resolve(self.capture.manifest.curves)
+
+    @property
+    def methods(self) -> list[tuple[str, dict[str, Any]]]:
+        """Interpolation methods with their options."""
+        return [(method.name, dict(method.options)) for method in self.capture.manifest.method_entries]
 
     def required_file(self, group: str, key: str) -> Path:
         """The same for a file that must be named (the plan has made sure of it)."""
@@ -142,6 +161,63 @@ def _collect(context: StepContext) -> Any:
     return collect_registration(context.work, manifest.pose_names, times, context.options("register"))
 
 
+def _evaluate(context: StepContext) -> Any:
+    from capture_eval.stages.evaluate import evaluate_capture
+
+    return evaluate_capture(
+        context.work,
+        context.required_file("template", "mesh"),
+        context.curves,
+        context.methods,
+        context.report,
+        context.options("evaluate"),
+    )
+
+
+def _truth(context: StepContext) -> Any:
+    from capture_eval.stages.evaluate import evaluate_truth
+    from capture_eval.stages.truth import TruthFiles, measure_tracking
+
+    template = context.required_file("template", "mesh")
+    files = TruthFiles(
+        context.required_file("truth", "mesh"),
+        context.required_file("truth", "vertices"),
+        context.file("truth", "cameras"),
+    )
+    measure_tracking(context.work, template, files, context.report, context.options("truth"), context.curves)
+    return evaluate_truth(
+        context.work, template, context.curves, context.methods, context.report, context.options("evaluate")
+    )
+
+
+def _report(context: StepContext) -> Any:
+    from capture_eval.stages.report import write_report
+
+    return write_report(context.out, report_info(context.capture, context.out), context.options("report"))
+
+
+def report_info(capture: Capture, out: Path) -> dict[str, Any]:
+    """What the report says about a capture: names, times, photo folders, options, hashes, terms."""
+    manifest = capture.manifest
+    hashes = FileHashes(out / "work" / "hashes.json")
+    return {
+        "name": manifest.name,
+        "description": manifest.description,
+        "source": manifest.source,
+        "poses": [
+            {
+                "name": pose.pose_name,
+                "t": pose.t,
+                "photos": None if pose.photos is None else str(capture.resolve(pose.photos)),
+            }
+            for pose in manifest.poses
+        ],
+        "options": manifest.options,
+        "hashes": input_hashes(capture, hashes),
+        "terms": {} if manifest.terms is None else manifest.terms.model_dump(exclude_none=True),
+    }
+
+
 STEP_CALLS: dict[str, Callable[[StepContext], Any]] = {
     "sparse": _sparse,
     "dense": _dense,
@@ -151,6 +227,9 @@ STEP_CALLS: dict[str, Callable[[StepContext], Any]] = {
     "track": _track,
     "refine": _refine,
     "collect": _collect,
+    "evaluate": _evaluate,
+    "truth": _truth,
+    "report": _report,
 }
 
 # Files of the work folder without which a finished step counts as not done ({pose} is the pose's folder).
@@ -161,6 +240,9 @@ STEP_OUTPUTS: dict[str, tuple[str, ...]] = {
     "align": ("work/align/alignment.json", "work/align/alignment.npz"),
     "neutral": ("work/register/neutral.npz",),
     "track": ("work/register/start.npz",),
-    "refine": (),
+    "refine": ("work/{pose}/registered.json",),
     "collect": ("work/register/registered.npz",),
+    "evaluate": ("report/errors.csv", "report/summary.json", "report/curves.npz", "report/registered.npz"),
+    "truth": ("report/truth.json",),
+    "report": ("report/report.html",),
 }
