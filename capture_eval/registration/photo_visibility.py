@@ -61,6 +61,8 @@ def clear_of_edges(
     """
     import cv2
 
+    if margin == 0:
+        return depth_image(view, vertices, triangles, occluders)
     skin = depth_image(view, vertices, triangles)
     everything = skin.copy()
     if occluders is not None and len(occluders[1]):

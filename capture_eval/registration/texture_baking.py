@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from capture_eval.cameras import View
 from capture_eval.errors import InputError
-from capture_eval.registration.photo_visibility import Blockers, depth_image, depth_tolerance, visible_points
+from capture_eval.registration.photo_visibility import Blockers, clear_of_edges, depth_tolerance, visible_points
 from capture_eval.registration.texture_atlas import TextureAtlas
 from capture_eval.triangle_geometry import vertex_normals
 
@@ -49,6 +49,9 @@ class BakingOptions:
         Views that meet the surface at a lower cosine are not used.
     minimum_views : int
         Texels seen by fewer views are outside of the mask.
+    edge_margin : int
+        A photo is not used within so many pixels of an occluding edge, where it mixes two surfaces; 0 for pictures
+        that are only to look at.
     colour : bool
         Bake the three channels instead of the luminance.
     """
@@ -56,6 +59,7 @@ class BakingOptions:
     cosine_power: float = 6.0
     minimum_cosine: float = 0.15
     minimum_views: int = 2
+    edge_margin: int = 2
     colour: bool = False
 
 
@@ -104,7 +108,7 @@ def bake_texture(
     weight_sum = np.zeros(len(flat), dtype=np.float32)
     count = np.zeros(len(flat), dtype=np.int16)
     for view, image in zip(views, images, strict=True):
-        depth = depth_image(view, vertices, triangles, occluders)
+        depth = clear_of_edges(view, vertices, triangles, occluders, options.edge_margin)
         cosine, pixel = visible_points(view, depth, points, normals, options.minimum_cosine, tolerance)
         photo = colour_photo(image) if options.colour else grey_photo(image)[:, :, None]
         texture_kernels.blend_photo(photo, cosine, pixel, options.cosine_power, colour_sum, weight_sum, count)
