@@ -138,7 +138,8 @@ def planned_step_names(capture: Capture, until: str | None) -> list[str]:
     """Names of the steps that the run consists of, in order."""
     order = [step for steps in JOBS.values() for step in steps]
     names = order[: order.index(last_step(capture, until)) + 1]
-    if capture.manifest.truth is None:
+    truth = capture.manifest.truth
+    if truth is None or truth.mesh is None or truth.vertices is None:
         names = [name for name in names if name != "truth"]
     return names
 

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 
 import capture_eval
 from capture_eval.errors import InputError, StageError, ToolError
-from capture_eval.workflow.file_hashes import FileHashes
+from capture_eval.workflow.inputs import hash_memory, write_inputs
 from capture_eval.workflow.plan import FIRST_STEP_OF_STAGE, JOBS, JOBS_OF_POSES, Plan, Step, make_plan
 from capture_eval.workflow.progress import make_progress
 from capture_eval.workflow.step_markers import Failure, Markers
@@ -72,7 +72,7 @@ def plan_run(capture: Capture, out: Path, options: RunOptions) -> tuple[Plan, li
     InputError
         If an input cannot be read or a stage does not exist.
     """
-    hashes = FileHashes(out / "work" / "hashes.json")
+    hashes = hash_memory(out)
     plan = make_plan(capture, out, options.until, options.threads, hashes)
     if out.is_dir():
         hashes.save()
@@ -111,6 +111,7 @@ def run(capture: Capture, out: Path, options: RunOptions) -> Plan:
             markers.forget(step)
         markers.clear_for_run(plan)
         if pending:
+            write_inputs(capture, out)
             write_plan(plan)
             _drive(plan, pending, options)
         collect_timings(plan)

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from capture_eval.files.photo_files import list_photos
-from capture_eval.workflow.file_hashes import FileHashes
-from capture_eval.workflow.preflight import input_hashes
+from capture_eval.workflow.inputs import report_info
 from capture_eval.workflow.stage_options import stage_options
 
 if TYPE_CHECKING:
@@ -194,28 +193,6 @@ def _report(context: StepContext) -> Any:
     from capture_eval.stages.report import write_report
 
     return write_report(context.out, report_info(context.capture, context.out), context.options("report"))
-
-
-def report_info(capture: Capture, out: Path) -> dict[str, Any]:
-    """What the report says about a capture: names, times, photo folders, options, hashes, terms."""
-    manifest = capture.manifest
-    hashes = FileHashes(out / "work" / "hashes.json")
-    return {
-        "name": manifest.name,
-        "description": manifest.description,
-        "source": manifest.source,
-        "poses": [
-            {
-                "name": pose.pose_name,
-                "t": pose.t,
-                "photos": None if pose.photos is None else str(capture.resolve(pose.photos)),
-            }
-            for pose in manifest.poses
-        ],
-        "options": manifest.options,
-        "hashes": input_hashes(capture, hashes),
-        "terms": {} if manifest.terms is None else manifest.terms.model_dump(exclude_none=True),
-    }
 
 
 STEP_CALLS: dict[str, Callable[[StepContext], Any]] = {
