@@ -36,20 +36,20 @@ def mannequin_curves(topology: Topology) -> list[dict[str, Any]]:
     for ring in range(1, 6):
         add(f"face_ring_{ring}", topology.rings["face"][ring, 2:4], "face")
     for side in ("right", "left"):
-        for number, ring in enumerate((2, 6), start=1):
+        for number, ring in enumerate((3, 8), start=1):
             add(f"ear_{side}_{number}", topology.rings[f"ear_{side}"][ring, 2:4], "ears")
     face, skull = topology.face, topology.skull
-    for name, row in (("forehead_1", 1), ("forehead_2", 3), ("cheek_1", 13), ("cheek_2", 14), ("chin_1", 27)):
+    for name, row in (("forehead_1", 1), ("forehead_2", 3), ("cheek_1", 12), ("cheek_2", 14), ("chin_1", 30)):
         add(name, face[row, 1:3], name.split("_")[0])
-    add("chin_2", face[29, 1:3], "chin")
+    add("chin_2", face[32, 1:3], "chin")
     for number, row in enumerate((1, 2), start=1):
         add(f"head_ring_{number}", skull[row, 1:3], "scalp")
-    for number, row in enumerate((37, 40, 43), start=1):
+    for number, row in enumerate((40, 43, 46), start=1):
         add(f"neck_ring_{number}", skull[row, 1:3], "neck")
     middle = face.shape[1] // 2
-    nose = face[1:20, middle]
+    nose = face[1:23, middle]
     add("profile_nose", nose, "nose", stop=nose[-1])
-    chin = face[25:, middle]
+    chin = face[28:, middle]
     add("profile_chin", chin, "chin", stop=chin[-1])
     for side, column in (("right", 2), ("left", face.shape[1] - 3)):
         add(f"cheek_{side}", face[1:, column], "cheeks", stop=face[-2, column])
@@ -66,15 +66,15 @@ def mannequin_landmarks(topology: Topology) -> dict[str, int]:
         "glabella": face[4, middle],
         "nasion": face[6, middle],
         "nose_bridge": face[10, middle],
-        "nose_tip": face[15, middle],
-        "nose_base": face[18, middle],
+        "nose_tip": face[16, middle],
+        "nose_base": face[21, middle],
         "lip_upper_top": border[upper[10]],
         "lip_upper_bottom": lips[upper[10]],
         "lip_lower_top": lips[lower[10]],
         "lip_lower_bottom": border[lower[10]],
         "lip_corner_right": border[upper[0]],
         "lip_corner_left": border[upper[-1]],
-        "chin": face[28, middle],
+        "chin": face[31, middle],
         "chin_bottom": face[-1, middle],
     }
     above, below = upper_and_lower(6, 8)
@@ -84,14 +84,14 @@ def mannequin_landmarks(topology: Topology) -> dict[str, int]:
         landmarks[f"eye_outer_{side}"] = margin[above[outer]]
         landmarks[f"lid_upper_{side}"] = margin[above[7]]
         landmarks[f"lid_lower_{side}"] = margin[below[7]]
-        column = middle + (4 if side == "left" else -4)
-        landmarks[f"nose_wing_{side}"] = face[16, column]
+        column = middle + (5 if side == "left" else -5)
+        landmarks[f"nose_wing_{side}"] = face[17, column]
         landmarks[f"brow_{side}"] = rings[f"eye_{side}"][1, 4]
         ring = rings[f"ear_{side}"][3]
         landmarks[f"ear_top_{side}"] = ring[2 if side == "left" else 3]
         landmarks[f"ear_lobe_{side}"] = ring[16 if side == "left" else 17]
-        corner = rings["face"][0]
-        landmarks[f"gonion_{side}"] = corner[32 + 30 if side == "left" else 96 + 2]
+        corner, (height, width) = rings["face"][0], np.array(face.shape) - 1
+        landmarks[f"gonion_{side}"] = corner[width + height - 2 if side == "left" else 2 * width + height + 2]
     return {name: int(vertex) for name, vertex in sorted(landmarks.items())}
 
 

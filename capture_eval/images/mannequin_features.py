@@ -27,7 +27,23 @@ MOUTH_HEIGHT = -66.0
 EYE_ORBIT, EYE_CREASE, EYE_MARGIN, EYE_MARGIN_INNER = 4, 7, 10, 11
 # mouth rings: 5 border of the lip red, 9 front of the contact, 10 its back, 11.. mouth bag
 LIP_BORDER, LIP_CONTACT, LIP_CONTACT_BACK = 5, 9, 10
-# ear rings: 0 root on the skin .. 9 canal
+# ear rings: (half width, half height, height above the skin, shift back), root on the skin first, canal last:
+# 0, 1 root, 2 back of the pinna, 3..5 helix, 6, 7 scapha, 8 antihelix, 9 concha edge, 10, 11 concha
+_EAR_PROFILE = (
+    (11, 25, 0, 0),
+    (10, 24, 5, 1),
+    (14, 27.5, 13, 3.2),
+    (16, 30, 17, 4),
+    (15.2, 29.2, 19, 4),
+    (13.6, 27.4, 18.5, 4),
+    (12.4, 25.4, 15, 4),
+    (11.0, 22.5, 13, 3.6),
+    (8.6, 16, 13.5, 2.4),
+    (7.0, 12, 9, 0.8),
+    (5.4, 9, 3.5, -1.0),
+    (3.4, 5.5, 1.0, -3.0),
+)
+_EAR_TILT = np.radians(12.0)
 
 
 def upper_and_lower(rows: int, columns: int) -> tuple[IntArray, IntArray]:
@@ -54,10 +70,10 @@ def eye_positions(topology: Topology) -> tuple[FloatArray, NDArray[np.bool_]]:
     upper, lower = upper_and_lower(6, 8)
     share = np.linspace(0.0, 1.0, len(upper))
     along = 0.45 * share + 0.55 * (1 - np.cos(np.pi * share)) / 2
-    margin_x, orbit_x = -15.5 + 30.0 * along, -19.5 + 39.0 * (1 - np.cos(np.pi * share)) / 2
+    margin_x, orbit_x = -15.5 + 30.0 * along, -19.5 + 37.0 * (1 - np.cos(np.pi * share)) / 2
     arch = np.sin(np.pi * np.clip(along, 0, 1)) ** 0.85
     fractions = {10: 0.0, 9: 0.13, 8: 0.27, 7: 0.40, 6: 0.57, 5: 0.77, 4: 1.0}
-    for half, height, orbit_height in ((upper, 5.9, 16.5), (lower, -4.4, -17.0)):
+    for half, height, orbit_height in ((upper, 5.9, 16.5), (lower, -4.4, -15.0)):
         tilt = -1.8 + 2.6 * along
         margin_y = tilt + height * arch * (1.06 - 0.12 * along)
         orbit_y = orbit_height * np.sin(np.pi * share) ** 0.75 - 1.0 + 1.5 * share
@@ -133,7 +149,7 @@ def mouth_positions(topology: Topology) -> tuple[FloatArray, NDArray[np.bool_]]:
         border[:, 2] += 0.5 * roundness
         corner = 1 - roundness**0.5
         border[:, 2] += corner * (contact_z - 0.2 - border[:, 2])
-        gap = sign * 0.3 * roundness
+        gap = sign * 0.12 * roundness
         positions[rings[LIP_BORDER][half]] = border
         fullness = 3.0 if is_upper else 4.0
         front = np.stack([x, contact_y + gap, contact_z], axis=1)
@@ -154,7 +170,7 @@ def _mouth_bag(
     positions: FloatArray, rings: IntArray, half: IntArray, contact: FloatArray, sign: float, roundness: FloatArray
 ) -> None:
     """Back of one lip and the bag around the teeth; (gap, depth behind the contact) for every ring."""
-    bag = {10: (0.35, 2.5), 11: (1.6, 5.0), 12: (7.5, 6.5), 13: (13.0, 8.5), 14: (16.0, 17.0), 15: (17.0, 27.0)}
+    bag = {10: (0.18, 2.5), 11: (1.2, 5.0), 12: (7.5, 6.5), 13: (13.0, 8.5), 14: (16.0, 17.0), 15: (17.0, 27.0)}
     bag |= {16: (15.0, 36.0), 17: (11.0, 43.0)}
     for ring, (gap, depth) in bag.items():
         point = contact.copy()
@@ -198,27 +214,26 @@ def ear_positions(topology: Topology) -> tuple[FloatArray, NDArray[np.bool_]]:
     rings = topology.rings["ear_left"]
     angle = 2 * np.pi * (np.arange(28) - 2.5) / 28
     back, up = np.sin(angle), np.cos(angle)
-    stand = np.clip(0.5 + 0.62 * back + 0.25 * up, 0.0, 1.0) ** 0.8
-    lobe = np.exp(-(((angle - np.pi * 0.98) / 0.7) ** 2))
-    tragus = np.exp(-(((np.mod(angle, 2 * np.pi) - 1.53 * np.pi) / 0.30) ** 2))
-    tilt = np.radians(12.0)
-    # ring: (scale back, scale up, lift, centre shift back)
-    profile = ((11, 25, 0, 0), (10, 24, 4, 0), (14, 27, 12, 3), (16, 29.5, 16, 4), (14.8, 28.3, 17.5, 4))
-    profile += ((12.8, 26, 16.5, 4), (11, 22, 12.5, 3.5), (8.5, 15, 14, 2), (6.5, 11, 7, 0), (4, 6.5, 2.5, -3))
-    for ring, (wide, high, lift, shift) in enumerate(profile):
-        width = wide * (1 + 0.12 * up)
+    stand = np.clip(0.52 + 0.55 * back + 0.22 * up, 0.0, 1.0) ** 0.8
+    lobe = np.exp(-(((np.mod(angle, 2 * np.pi) - 1.02 * np.pi) / 0.62) ** 2))
+    tragus = np.exp(-(((np.mod(angle, 2 * np.pi) - 1.50 * np.pi) / 0.30) ** 2))
+    rear = np.clip(back + 0.3, 0.0, 1.0)
+    for ring, (wide, high, lift, shift) in enumerate(_EAR_PROFILE):
+        width = wide * (1 + 0.16 * up - 0.05 * np.abs(up) ** 3)
         u, w = width * back + shift, high * up - 0.05 * high
-        z = -19 - (np.cos(tilt) * u + np.sin(tilt) * w)
-        y = -9 + np.cos(tilt) * w - np.sin(tilt) * u
+        z = -19 - (np.cos(_EAR_TILT) * u + np.sin(_EAR_TILT) * w)
+        y = -9 + np.cos(_EAR_TILT) * w - np.sin(_EAR_TILT) * u
+        rise = lift * np.maximum(stand, 0.6 * lobe)
+        if ring in (6, 7):
+            rise = (1 - lobe) * rise + lobe * 0.6 * 15.0
+        if ring == 8:
+            rise = rise + 3.5 * rear * (1 - lobe)
+        if ring in (8, 9):
+            rise = rise + tragus * (4.0 if ring == 9 else 2.5)
         skin = _side_points(y, z)
-        rise = lift * np.maximum(stand, 0.55 * lobe)
-        if ring in (7, 8):
-            rise = rise + tragus * (5.0 if ring == 7 else 3.0)
-        flare = np.array([0.86, 0.0, -0.5])
-        smooth = skin if ring < 2 else np.stack([np.full_like(y, skin[:, 0].mean()), y, z], axis=1)
-        blend = 0.0 if ring < 2 else 0.5
-        base = (1 - blend) * skin + blend * smooth
-        positions[rings[ring]] = base + rise[:, None] * flare
+        level = np.stack([np.full_like(y, skin[:, 0].mean()), y, z], axis=1)
+        base = skin if ring < 2 else 0.5 * (skin + level)
+        positions[rings[ring]] = base + rise[:, None] * np.array([0.84, 0.0, -0.5])
     _close_bag(positions, topology.inner["ear_left"], np.array([-5.0, 0.0, 0.0]))
     mask = np.zeros(topology.vertex_count, dtype=bool)
     mask[rings] = True

@@ -65,6 +65,16 @@ def vertex_adjacency(topology: Topology) -> csr_matrix:
     return adjacency
 
 
+def _layout_weights(topology: Topology) -> csr_matrix:
+    """Edge weights of the layout: stiff spokes round the eyes keep the rings there in order."""
+    weights = vertex_adjacency(topology).tolil()
+    for side in ("right", "left"):
+        for outer, inner in zip(topology.rings[f"eye_{side}"][:4], topology.rings[f"eye_{side}"][1:5], strict=True):
+            weights[outer, inner] = 4.0
+            weights[inner, outer] = 4.0
+    return weights.tocsr()
+
+
 def _face_oval(topology: Topology) -> tuple[FloatArray, NDArray[np.int64]]:
     """Outer border of the face: from the hairline past the temple and before the ear along the jaw."""
     ring = topology.rings["face"][0]
@@ -84,21 +94,36 @@ def _resample(curve: FloatArray, steps: int) -> FloatArray:
     return np.asarray(CubicSpline(length, curve)(np.linspace(0, length[-1], steps + 1)))
 
 
+# face row -> (midline y, z), (alar base x, y, z), columns from the midline to it: tip and wings of the nose
+_NOSE = {
+    13: ((-23.5, 107.5), (9.0, -24.0, 96.0), 2),
+    14: ((-27.5, 110.0), (13.0, -28.5, 92.0), 4),
+    15: ((-31.5, 112.5), (17.0, -32.0, 91.0), 5),
+    16: ((-35.5, 113.8), (19.3, -35.5, 91.0), 6),
+    17: ((-39.2, 112.5), (19.8, -39.0, 91.0), 6),
+    18: ((-42.5, 109.0), (19.0, -42.5, 90.5), 6),
+    19: ((-44.5, 104.5), (16.8, -45.5, 90.5), 6),
+    20: ((-46.0, 100.0), (14.0, -47.6, 91.0), 6),
+    21: ((-48.3, 96.3), (13.2, -49.6, 91.2), 6),
+}
+
+
 def _profile(topology: Topology) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Midline of the nose and points beside it: (N, 3) positions near the skin and their vertices."""
-    middle = topology.face.shape[1] // 2
-    bridge = [(row, 0, 6.0 - 4.35 * (row - 6), 86 + 2.4 * (row - 6)) for row in range(6, 14)]
-    lower = [(14, 0, -30.0, 112.0), (15, 0, -36.0, 114.0), (16, 0, -41.5, 109.0), (17, 0, -44.0, 103.0)]
-    lower += [(18, 0, -46.8, 96.0), (19, 0, -50.0, 95.0)]
-    points = [(x, y, z) for _, x, y, z in bridge + lower]
-    vertices = [int(topology.face[row, middle]) for row, _, _, _ in bridge + lower]
-    wing = [(14, 4, 15.5, -29.0, 92.0), (15, 4, 18.5, -33.0, 92.0), (16, 4, 19.5, -38.0, 91.0)]
-    wing += [(17, 4, 18.0, -43.0, 90.0), (18, 4, 14.0, -46.5, 91.0), (19, 4, 14.5, -50.5, 91.0)]
-    wing += [(15, 3, 14.5, -33.5, 97.0), (15, 2, 8.5, -35.0, 107.0), (14, 2, 7.5, -29.5, 104.0)]
-    for row, column, x, y, z in wing:
-        for side in (1, -1):
-            points.append((side * x, y, z))
-            vertices.append(int(topology.face[row, middle + side * column]))
+    """Bridge, tip and wings of the nose: (N, 3) positions on the skin and their vertices."""
+    face = topology.face
+    middle = face.shape[1] // 2
+    points = [np.array([0.0, 6.0 - 3.9 * (row - 6), 86 + 2.4 * (row - 6)]) for row in range(6, 13)]
+    vertices = [int(face[row, middle]) for row in range(6, 13)]
+    for row, ((y, z), wing, count) in _NOSE.items():
+        start, end = np.array([0.0, y, z]), np.array(wing)
+        control = np.array([0.78 * wing[0], 0.6 * y + 0.4 * wing[1], z - 2.0])
+        for column in range(-count, count + 1):
+            t = abs(column) / count
+            point = (1 - t) ** 2 * start + 2 * t * (1 - t) * control + t**2 * end
+            points.append(point * [np.sign(column), 1.0, 1.0])
+            vertices.append(int(face[row, middle + column]))
+    points.append(np.array([0.0, -51.5, 95.0]))
+    vertices.append(int(face[22, middle]))
     return project_to_skin(np.array(points), steps=6), np.array(vertices)
 
 
@@ -106,14 +131,14 @@ def canonical_positions(topology: Topology) -> FloatArray:
     """(V, 3) vertices in millimetres of the canonical person, symmetric in x up to rounding."""
     positions = np.zeros((topology.vertex_count, 3))
     placed = np.zeros(topology.vertex_count, dtype=bool)
+    for values, vertices in (_face_oval(topology), _profile(topology)):
+        positions[vertices], placed[vertices] = values, True
     for feature in (eye_positions, ear_positions, nostril_positions, mouth_positions):
         values, mask = feature(topology)
         positions[mask], placed[mask] = values[mask], True
         mirrored = topology.mirror[mask]
         positions[mirrored], placed[mirrored] = values[mask] * [-1, 1, 1], True
-    for values, vertices in (_face_oval(topology), _profile(topology)):
-        positions[vertices], placed[vertices] = values, True
-    adjacency = vertex_adjacency(topology)
+    adjacency = _layout_weights(topology)
     _place_harmonic(topology, adjacency, positions, placed)
     positions = _relax(topology, adjacency, positions, placed)
     return 0.5 * (positions + positions[topology.mirror] * [-1, 1, 1])
@@ -144,7 +169,7 @@ def _place_harmonic(topology: Topology, adjacency: csr_matrix, positions: FloatA
     jump = adjacency[free].tocoo()
     side = np.flatnonzero(free)[jump.row]
     turn = np.round((_first_angle(topology)[side] - _first_angle(topology)[jump.col]) / (2 * np.pi)) * 2 * np.pi
-    wrap = np.bincount(jump.row, weights=turn, minlength=int(free.sum()))
+    wrap = np.bincount(jump.row, weights=turn * jump.data, minlength=int(free.sum()))
     coupling = adjacency[free][:, fixed]
     angle[free] = spsolve(matrix.tocsc(), coupling @ angle[fixed] + wrap)
     height[free] = spsolve(matrix.tocsc(), coupling @ height[fixed])

@@ -22,7 +22,7 @@ FloatArray = NDArray[np.float64]
 
 MOTIONS = ("jaw_open", "grin", "blink_frown")
 JAW_HINGE = np.array([0.0, -24.0, 16.0])
-JAW_ANGLE = 24.0
+JAW_ANGLE = 23.0
 SMILE_CENTRE = np.array([0.0, -66.0, 46.0])
 BROW_CENTRE = np.array([0.0, 20.0, 0.0])
 
@@ -88,7 +88,8 @@ def jaw_weights(topology: Topology, positions: FloatArray) -> FloatArray:
     near = np.linalg.norm(folded - start - along[:, None] * (end - start), axis=1)
     weights[(near < 24) & (along > 0.30) & (slope < -46) & (slope > -92)] = 1.0
     weights[(slope > -8) & (slope < 180)] = 0.0
-    weights[(y < -146) | (z < -22) | (slope > 150) | (slope < -150)] = 0.0
+    weights[(y < -100) & ((z < 32) | (slope < -90))] = 0.0
+    weights[(y < -152) | (z < -22) | (slope > 150) | (slope < -150)] = 0.0
     rings = topology.rings["mouth"]
     for half, value in zip(upper_and_lower(6, 14), (0.0, 1.0), strict=True):
         inside = half[2:-2]

@@ -16,7 +16,7 @@ FloatArray = NDArray[np.float64]
 
 EYE_CENTRE = np.array([32.0, 0.0, 63.5])
 EYE_RADIUS = 12.0
-NECK_HEIGHT = -168.0
+NECK_HEIGHT = -158.0
 
 
 def _ellipsoid(points: FloatArray, centre: ArrayLike, radii: ArrayLike) -> FloatArray:
@@ -65,7 +65,7 @@ def _skull_and_neck(points: FloatArray) -> FloatArray:
     distance = _ellipsoid(points, (0, 32, -8), (75.5, 84, 94))
     distance = _blend(distance, _ellipsoid(points, (0, 44, 28), (62, 52, 64)), 20)
     distance = _blend(distance, _ellipsoid(points, (0, 10, -52), (60, 48, 49)), 25)
-    neck = _cone(points, (0, -60, -28), (0, -200, -34), 53, 55)
+    neck = _cone(points, (0, -60, -28), (0, -200, -34), 51, 55)
     neck = _blend(neck, _cone(points, (50, -50, -22), (18, -200, 10), 13, 11), 18)
     neck = _blend(neck, _ellipsoid(points, (0, -146, 21), (9, 13, 9)), 14)
     return _blend(distance, neck, 22)
@@ -73,9 +73,9 @@ def _skull_and_neck(points: FloatArray) -> FloatArray:
 
 def _face(points: FloatArray, distance: FloatArray) -> FloatArray:
     distance = _blend(distance, _ellipsoid(points, (0, -28, 28), (59, 72, 56)), 24)
-    distance = _blend(distance, _cone(points, (56, -22, 4), (49, -66, 8), 13, 12), 16)
-    distance = _blend(distance, _cone(points, (48, -68, 10), (15, -98, 70), 12, 16), 16)
-    distance = _blend(distance, _cone(points, (66, -18, 12), (46, -25, 58), 7, 15), 16)
+    distance = _blend(distance, _cone(points, (54, -22, 8), (47, -64, 12), 12, 12), 24)
+    distance = _blend(distance, _cone(points, (46, -67, 12), (15, -97, 70), 12, 15), 18)
+    distance = _blend(distance, _cone(points, (61, -18, 14), (46, -25, 58), 8, 15), 22)
     distance = _blend(distance, _ellipsoid(points, (36, -52, 52), (24, 30, 26)), 16)
     distance = _blend(distance, _ellipsoid(points, (0, -62, 60), (33, 30, 35)), 14)
     distance = _blend(distance, _ellipsoid(points, (0, -99, 77), (19, 15, 18)), 14)

@@ -20,7 +20,7 @@ ByteArray = NDArray[np.uint8]
 CONTRAST = {"normal": 1.0, "weak": 0.4}
 _SKIN = np.array([201.0, 158.0, 136.0])
 _LIP = np.array([168.0, 96.0, 92.0])
-_HAIR = np.array([66.0, 50.0, 40.0])
+_HAIR = np.array([72.0, 56.0, 46.0])
 _INSIDE = np.array([84.0, 34.0, 32.0])
 _HAIRLINE_Z = (-110.0, -62.0, -46.0, -36.0, 2.0, 10.0, 20.0, 32.0, 48.0, 70.0, 110.0)
 _HAIRLINE_Y = (-78.0, -72.0, -50.0, -26.0, -22.0, -14.0, 6.0, 38.0, 60.0, 74.0, 76.0)
@@ -197,7 +197,7 @@ def _paint_hair(
     color: SingleArray, points: SingleArray, masks: SingleArray, contrast: float, base: int
 ) -> None:
     """Cropped hair on the scalp, eyebrows and a shade of beard (in place)."""
-    from capture_eval.images.solid_noise import gradient_noise
+    from capture_eval.images.solid_noise import gradient_noise, spots
 
     x, y, z = np.abs(points[:, 0]), points[:, 1], points[:, 2]
     scalp = y - np.interp(z, _HAIRLINE_Z, _HAIRLINE_Y).astype(np.float32)
@@ -208,12 +208,13 @@ def _paint_hair(
     there = points[hairy]
     strand = gradient_noise(there, (0.9, 2.6, 2.6), base + 32) + 0.7 * gradient_noise(there, 0.8, base + 33)
     lock = gradient_noise(there, (4.0, 8.0, 8.0), base + 34)
-    cover = _smooth_step(-0.75, 0.35, strand + 0.5 * lock + 0.25) * scalp[hairy] * (0.55 + 0.4 * contrast)
+    cover = scalp[hairy] * (0.80 + 0.16 * contrast * _smooth_step(-0.5, 0.5, strand + lock))
     brow_strand = gradient_noise(there, (2.8, 0.9, 2.0), base + 35) + 0.5 * gradient_noise(there, 0.9, base + 36)
-    cover = np.maximum(cover, 0.9 * _smooth_step(-0.25, 0.35, brow_strand + 1.6 * brow[hairy] - 0.8) * (brow[hairy] > 0))
-    dots = gradient_noise(there, 1.0, base + 37)
-    cover = np.maximum(cover, beard[hairy] * (0.10 + contrast * 0.30 * _smooth_step(0.0, 0.5, dots)))
-    shade = _HAIR.astype(np.float32) + (contrast * (22.0 * strand + 10.0 * lock))[:, None]
+    dense = np.sqrt(brow[hairy])
+    cover = np.maximum(cover, dense * (0.42 + 0.5 * _smooth_step(-0.45, 0.25, brow_strand + 0.7 * dense - 0.4)))
+    dots = spots(there, 1.7, 0.7, (0.30, 0.55), base + 37)
+    cover = np.maximum(cover, beard[hairy] * (0.09 + contrast * 0.34 * dots))
+    shade = _HAIR.astype(np.float32) + (contrast * (30.0 * strand + 22.0 * lock))[:, None]
     color[hairy] += cover[:, None] * (shade - color[hairy])
 
 

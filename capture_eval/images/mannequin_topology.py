@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 IntArray = NDArray[np.int64]
 
 COLUMNS = 72
-ROWS = 46
+ROWS = 48
 CAP = COLUMNS // 4
-FACE_ROWS = (3, 35)
+FACE_ROWS = (3, 38)
 FACE_COLUMNS = (20, 52)
 FACE_RINGS = 6
 
@@ -116,13 +116,13 @@ def grid_quads(grid: IntArray) -> IntArray:
 _FACE_INSETS: dict[str, tuple[tuple[int, int], tuple[int, int], int]] = {
     "eye_right": ((5, 11), (5, 13), 14),
     "eye_left": ((5, 11), (19, 27), 14),
-    "nostril_right": ((16, 18), (13, 15), 3),
-    "nostril_left": ((16, 18), (17, 19), 3),
-    "mouth": ((19, 25), (9, 23), 17),
+    "nostril_right": ((18, 20), (13, 15), 3),
+    "nostril_left": ((18, 20), (17, 19), 3),
+    "mouth": ((22, 28), (9, 23), 17),
 }
 _EAR_INSETS: dict[str, tuple[tuple[int, int], tuple[int, int], int]] = {
-    "ear_right": ((12, 21), (11, 16), 9),
-    "ear_left": ((12, 21), (56, 61), 9),
+    "ear_right": ((12, 21), (11, 16), 11),
+    "ear_left": ((12, 21), (56, 61), 11),
 }
 
 
