@@ -37,8 +37,10 @@ class TrackingOptions:
         First step with the scan's planes.
     distance_limit : (first, last)
     normal_cosine : float
-    match_weight, match_scale : float
-        Weight of a match, and the residual at which it counts half (Cauchy).
+    match_weight : float
+    match_scale : (first, last)
+        Residual at which a match counts half (Cauchy). It starts wide: the few matches on an opening lip are far
+        from the previous pose, and would count nothing.
     chain_weight : float
         Weight of matches against the previous pose, relative; they are used up to the first selection.
     selection_steps, selection_limits : tuples
@@ -53,7 +55,7 @@ class TrackingOptions:
     distance_limit: tuple[float, float] = (6.0, 2.5)
     normal_cosine: float = 0.7
     match_weight: float = 1.0
-    match_scale: float = 0.7
+    match_scale: tuple[float, float] = (12.0, 0.7)
     chain_weight: float = 0.5
     selection_steps: tuple[int, ...] = (3, 5, 7)
     selection_limits: tuple[float, ...] = (3.0, 2.0, 1.5)
@@ -104,14 +106,17 @@ def track_pose(
     good = consistent_with_prediction(matches, rest, predicted, triangles)
     chain_good = consistent_with_prediction(chain, rest, predicted, triangles)
     limits = np.geomspace(*options.distance_limit, len(options.stiffness))
+    scales = np.geomspace(*options.match_scale, len(options.stiffness))
     for step, alpha in enumerate(options.stiffness):
         if step in options.selection_steps:
             limit = options.selection_limits[options.selection_steps.index(step)]
-            good = near_present_fit(matches, positions, triangles, limit)
-        constraints = [match_constraints(matches.select(good), positions, triangles, options)]
+            still = good & consistent_with_prediction(matches, rest, positions, triangles)
+            good = near_present_fit(matches, positions, triangles, limit) | still
+        scale = float(scales[step])
+        constraints = [match_constraints(matches.select(good), positions, triangles, options.match_weight, scale)]
         if step < options.selection_steps[0]:
-            pulls = match_constraints(chain.select(chain_good), positions, triangles, options)
-            constraints.append(pulls.with_weight(options.chain_weight * pulls.weight))
+            weight = options.chain_weight * options.match_weight
+            constraints.append(match_constraints(chain.select(chain_good), positions, triangles, weight, scale))
         if step >= options.surface_from:
             planes, _ = closest_point_constraints(
                 positions, triangles, skin, scan, float(limits[step]), options.normal_cosine
@@ -125,12 +130,12 @@ def track_pose(
 
 
 def match_constraints(
-    matches: MaterialMatches, positions: Floats, triangles: Integers, options: TrackingOptions
+    matches: MaterialMatches, positions: Floats, triangles: Integers, weight: float, scale: float
 ) -> SurfaceConstraints:
-    """Point constraints of matches, far ones counting less."""
+    """Point constraints of matches, those at a residual of `scale` counting half."""
     residual = np.linalg.norm(matches.points(positions, triangles) - matches.target, axis=1)
-    weight = options.match_weight * matches.weight * cauchy_weights(residual, options.match_scale)
-    return SurfaceConstraints(triangles[matches.triangle], matches.barycentric, matches.target, None, weight)
+    weights = weight * matches.weight * cauchy_weights(residual, scale)
+    return SurfaceConstraints(triangles[matches.triangle], matches.barycentric, matches.target, None, weights)
 
 
 def measured_vertices(constraints: list[SurfaceConstraints], count: int) -> NDArray[np.bool_]:

@@ -15,7 +15,6 @@ from capture_eval.registration.deformation_solver import DeformationSolver, Surf
 from capture_eval.registration.lifted_matches import MaterialMatches
 from capture_eval.registration.nonrigid_icp import closest_point_constraints
 from capture_eval.registration.pose_tracking import (
-    TrackingOptions,
     anchor_constraints,
     match_constraints,
     measured_vertices,
@@ -46,8 +45,8 @@ class RoundOptions:
         Weight of a constraint and the residual at which it counts half (Cauchy).
     scan_weight_measured, scan_weight : float
         Weight of the scan's planes where stereo measured, and elsewhere.
-    match_weight : float
-        Weight of the lifted matches.
+    match_weight, match_scale : float
+        The same for the lifted matches.
     flow_consistency : (first round, later rounds)
         Texels.
     """
@@ -65,6 +64,7 @@ class RoundOptions:
     scan_limit: float = 2.5
     scan_cosine: float = 0.7
     match_weight: float = 0.1
+    match_scale: float = 0.7
     anchor_weight: float = 0.02
     flow_consistency: tuple[float, float] = (1.2, 0.6)
     use_flow: bool = True
@@ -206,8 +206,9 @@ def _solve_round(
             )
             constraints.append(planes)
         if matches is not None:
-            pulls = match_constraints(matches, positions, triangles, TrackingOptions())
-            constraints.append(pulls.with_weight(options.match_weight * pulls.weight))
+            constraints.append(
+                match_constraints(matches, positions, triangles, options.match_weight, options.match_scale)
+            )
         touched = measured_vertices(constraints, len(rest))
         constraints.append(anchor_constraints(rest, positions, skin, touched, options.anchor_weight))
         positions = solver.solve(positions, options.stiffness, options.edge_stiffness, constraints)
