@@ -85,9 +85,9 @@ def click_landmarks(
     clicks: dict[str, dict[str, tuple[float, float]]] = {}
     for number, name in enumerate(landmarks):
         able = [index for index, (visible, _) in enumerate(seen) if visible[number]]
-        chosen = np.sort(random.permutation(able)[:most_photos]) if len(able) >= 2 else []
+        chosen = sorted(random.permutation(able)[:most_photos].tolist()) if len(able) >= 2 else []
         clicks[name] = {}
         for index in chosen:
-            u, v = seen[int(index)][1][number] + random.normal(0.0, noise, 2)
-            clicks[name][views[int(index)].name] = (float(u), float(v))
+            u, v = seen[index][1][number] + random.normal(0.0, noise, 2)
+            clicks[name][views[index].name] = (float(u), float(v))
     return clicks

@@ -188,10 +188,10 @@ def rest_vertices(assets: MakeHumanAssets, person: Identity) -> FloatArray:
             raise InputError(f"MakeHuman: target {target} was not read")
         vertices += weight * assets.targets[target]
     joint = vertices[assets.skeleton.head_vertices["head"]].mean(axis=0)
-    vertices = _MILLIMETRES * (vertices - joint)
+    centered = np.asarray(_MILLIMETRES * (vertices - joint), dtype=np.float64)
     if person.wave_size > 0.0:
-        vertices = vertices + person.wave_size * smooth_waves(vertices, person.number)
-    return vertices
+        centered += person.wave_size * smooth_waves(centered, person.number)
+    return centered
 
 
 def smooth_waves(points: FloatArray, seed: int) -> FloatArray:
@@ -296,9 +296,7 @@ def makehuman_head(assets: MakeHumanAssets, number: int = 0, cut: HeadCut | None
     """
     cut = cut or cut_head(assets)
     subject = _Subject(assets, identity(number), cut)
-    skin = PolygonMesh.from_faces(
-        subject.rest[cut.vertices], cut.faces, cut.coordinates, cut.face_textures
-    )
+    skin = PolygonMesh.from_faces(subject.rest[cut.vertices], cut.faces, cut.coordinates, cut.face_textures)
     here = {int(vertex): index for index, vertex in enumerate(cut.vertices)}
     reference = rest_vertices(assets, identity(0))[cut.vertices]
     return Head(

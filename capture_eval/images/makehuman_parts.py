@@ -38,9 +38,7 @@ def split_quads(faces: IntArray, vertices: int) -> tuple[Any, IntArray]:
         [np.stack([faces[:, k], middle[:, k], center, middle[:, k - 1]], axis=1) for k in range(4)], axis=1
     ).reshape(-1, 4)
     count = vertices + len(unique) + len(faces)
-    rows = np.concatenate(
-        [np.arange(vertices), np.repeat(vertices + np.arange(len(unique)), 2), np.repeat(center, 4)]
-    )
+    rows = np.concatenate([np.arange(vertices), np.repeat(vertices + np.arange(len(unique)), 2), np.repeat(center, 4)])
     columns = np.concatenate([np.arange(vertices), unique.ravel(), faces.ravel()])
     weights = np.concatenate([np.ones(vertices), np.full(2 * len(unique), 0.5), np.full(4 * len(faces), 0.25)])
     return csr_matrix((weights, (rows, columns)), shape=(count, vertices)), fine
@@ -65,4 +63,4 @@ def eye_colors(vertices: FloatArray, iris: tuple[int, int, int], seed: int) -> B
     colors *= ring[:, None]
     in_pupil = np.clip((_PUPIL - angle) / 2.0 + 0.5, 0.0, 1.0)
     colors += in_pupil[:, None] * (np.array([16.0, 13.0, 12.0]) - colors)
-    return np.clip(np.rint(colors), 0.0, 255.0).astype(np.uint8)
+    return np.asarray(np.clip(np.rint(colors), 0.0, 255.0), dtype=np.uint8)

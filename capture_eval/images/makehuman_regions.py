@@ -1,4 +1,4 @@
-"""Regions of a MakeHuman head: where the lips, eyes, nose, ... are, from edge loops and from places on the average head."""
+"""Regions of a MakeHuman head (lips, eyes, nose, ...), from edge loops and from places on the average head."""
 
 from __future__ import annotations
 

@@ -90,10 +90,12 @@ def skin_colors(places: SkinPlaces, tone: SkinTone, contrast: Contrast) -> ByteA
         (np.flatnonzero(_near_brows(points)), _paint_brows),
     ):
         colors[chosen] = paint(colors[chosen], points[chosen], tone)
-    for mask, paint_masked in ((places.lips, _paint_lips), (places.inside, _paint_inside), (places.lid, _paint_lids)):
+    for mask, paint_masked in ((places.lips, _paint_lips), (places.inside, _paint_inside)):
         chosen = np.flatnonzero(mask > 0.0)
         colors[chosen] = paint_masked(colors[chosen], points[chosen], mask[chosen], tone)
-    return np.clip(np.rint(colors), 0.0, 255.0).astype(np.uint8)
+    # The dark edge of the lids stands in for lashes.
+    colors *= (1.0 - 0.6 * np.clip(1.6 * places.lid - 0.6, 0.0, 1.0))[:, None].astype(np.float32)
+    return np.asarray(np.clip(np.rint(colors), 0.0, 255.0), dtype=np.uint8)
 
 
 def hairline(depth: FloatArray) -> FloatArray:
@@ -113,7 +115,7 @@ def _blob(points: SingleArray, center: tuple[float, float, float], radii: tuple[
     squared = ((np.abs(points[:, 0]) - np.float32(center[0])) * x) ** 2
     squared += ((points[:, 1] - np.float32(center[1])) * y) ** 2
     squared += ((points[:, 2] - np.float32(center[2])) * z) ** 2
-    return np.exp(np.float32(-0.5) * squared)
+    return np.asarray(np.exp(np.float32(-0.5) * squared), dtype=np.float32)
 
 
 def _colored(amount: SingleArray, color: tuple[float, float, float]) -> SingleArray:
@@ -169,7 +171,9 @@ def _paint_hair(colors: SingleArray, points: SingleArray, tone: SkinTone) -> Sin
     ear = (np.abs(points[:, 0]) > 71.0) & (points[:, 1] < 49.0) & (points[:, 2] > -52.0) & (points[:, 2] < 20.0)
     cover[ear] = 0.0
     strands = _noise(points, (0.55, 1.5, 1.5), tone.seed + 73)
-    grain = 1.0 + 0.60 * strands + 0.50 * _noise(points, 1.3, tone.seed + 74) + 0.2 * _noise(points, 9.0, tone.seed + 75)
+    grain = (
+        1.0 + 0.60 * strands + 0.50 * _noise(points, 1.3, tone.seed + 74) + 0.2 * _noise(points, 9.0, tone.seed + 75)
+    )
     cover *= np.clip(0.78 + 0.9 * strands + 0.5 * _noise(points, 2.1, tone.seed + 76), 0.25, 0.96)
     hair = np.asarray(tone.hair, dtype=np.float32) * grain[:, None]
     return np.asarray(colors + cover[:, None] * (hair - colors), dtype=np.float32)
@@ -177,7 +181,8 @@ def _paint_hair(colors: SingleArray, points: SingleArray, tone: SkinTone) -> Sin
 
 def _near_brows(points: SingleArray) -> NDArray[np.bool_]:
     x = np.abs(points[:, 0])
-    return (points[:, 2] > 55.0) & (x > 3.0) & (x < 56.0) & (np.abs(points[:, 1] - 53.0) < 13.0)
+    near = (points[:, 2] > 55.0) & (x > 3.0) & (x < 56.0) & (np.abs(points[:, 1] - 53.0) < 13.0)
+    return np.asarray(near, dtype=np.bool_)
 
 
 def _paint_brows(colors: SingleArray, points: SingleArray, tone: SkinTone) -> SingleArray:
@@ -199,7 +204,9 @@ def _paint_brows(colors: SingleArray, points: SingleArray, tone: SkinTone) -> Si
 
 def _paint_lips(colors: SingleArray, points: SingleArray, mask: FloatArray, tone: SkinTone) -> SingleArray:
     furrows = _noise(points, (1.3, 9.0, 9.0), tone.seed + 91) + 0.7 * _noise(points, (0.65, 4.0, 4.0), tone.seed + 92)
-    shade = 1.0 + 0.22 * furrows + 0.10 * _noise(points, 4.0, tone.seed + 93) + 0.12 * _noise(points, 1.1, tone.seed + 95)
+    shade = (
+        1.0 + 0.22 * furrows + 0.10 * _noise(points, 4.0, tone.seed + 93) + 0.12 * _noise(points, 1.1, tone.seed + 95)
+    )
     lips = np.asarray(tone.lips) * shade[:, None]
     cover = np.clip((mask - 0.45 + 0.10 * _noise(points, 1.6, tone.seed + 94)) / 0.3, 0.0, 1.0)
     cover = cover * cover * (3.0 - 2.0 * cover)
@@ -210,8 +217,3 @@ def _paint_inside(colors: SingleArray, points: SingleArray, mask: FloatArray, to
     """Moist lining of mouth and eye sockets."""
     lining = np.array([150.0, 66.0, 62.0]) * (1.0 + 0.25 * _noise(points, 3.0, tone.seed + 61))[:, None]
     return np.asarray(colors + mask[:, None] * (lining - colors), dtype=np.float32)
-
-
-def _paint_lids(colors: SingleArray, points: SingleArray, mask: FloatArray, tone: SkinTone) -> SingleArray:
-    """Dark edge of the lids, in place of lashes."""
-    return np.asarray(colors * (1.0 - 0.6 * np.clip(1.6 * mask - 0.6, 0.0, 1.0))[:, None], dtype=np.float32)

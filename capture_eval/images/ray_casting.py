@@ -61,9 +61,10 @@ class TriangleScene:
     def __init__(self, vertices: ArrayLike, triangles: ArrayLike) -> None:
         import open3d
 
+        core: Any = open3d.core
         self.vertices = np.ascontiguousarray(vertices, dtype=np.float64)
         self.triangles = np.ascontiguousarray(triangles, dtype=np.int64)
-        self._tensor: Any = open3d.core.Tensor
+        self._tensor = core.Tensor
         self._scene: Any = open3d.t.geometry.RaycastingScene(nthreads=1)
         self._scene.add_triangles(
             self._tensor(self.vertices.astype(np.float32)), self._tensor(self.triangles.astype(np.uint32))

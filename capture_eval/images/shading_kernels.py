@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -10,145 +10,204 @@ from numba import njit
 Array = Any
 
 
-@njit(cache=True, nogil=True, fastmath=False)
-def _texture_value(
-    texels: Array, offset: int, width: int, height: int, u: float, v: float, linear: Array, out: Array
-) -> None:
+class Surface(NamedTuple):
+    """Triangles with what lies on them: see `skin_shading.HeadModel` and `LitHead` for the meaning."""
+
+    vertices: Array
+    triangles: Array
+    normals: Array
+    irradiance: Array
+    light_visibility: Array
+    triangle_texture: Array
+    triangle_uv: Array
+    colors: Array
+    gloss: Array
+    shininess: Array
+
+
+class Textures(NamedTuple):
+    """Texels of all textures and levels; table (textures, levels, 3): first texel, width, height."""
+
+    table: Array
+    texels: Array
+    linear: Array
+
+
+class Lamps(NamedTuple):
+    """Positions (L, 3) and powers (L,) of the soft boxes."""
+
+    positions: Array
+    powers: Array
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _meet(surface: Surface, triangle: int, center: Array, direction: Array) -> tuple[float, float, float, float, float]:
+    """Where a ray meets the plane of a triangle: depth, weights of corners b and c, |normal|^2, normal . direction."""
+    a = surface.vertices[surface.triangles[triangle, 0]]
+    b = surface.vertices[surface.triangles[triangle, 1]]
+    c = surface.vertices[surface.triangles[triangle, 2]]
+    bx, by, bz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    cx, cy, cz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+    nx, ny, nz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
+    square = nx * nx + ny * ny + nz * nz
+    slope = nx * direction[0] + ny * direction[1] + nz * direction[2]
+    if square == 0.0 or slope == 0.0:
+        return 0.0, 0.0, 0.0, 0.0, 0.0
+    ax, ay, az = a[0] - center[0], a[1] - center[1], a[2] - center[2]
+    depth = (nx * ax + ny * ay + nz * az) / slope
+    px, py, pz = depth * direction[0] - ax, depth * direction[1] - ay, depth * direction[2] - az
+    wb = (nx * (py * cz - pz * cy) + ny * (pz * cx - px * cz) + nz * (px * cy - py * cx)) / square
+    wc = (nx * (by * pz - bz * py) + ny * (bz * px - bx * pz) + nz * (bx * py - by * px)) / square
+    # A sample beside its triangle (its pixel's centre triangle goes on) may not run away at thin slivers.
+    return depth, min(max(wb, -1.0), 2.0), min(max(wc, -1.0), 2.0), square, slope
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _mip_level(table: Array, texture: int, uv: Array, square: float, footprint: float, cosine: float) -> int:
+    """Level whose texels are about as large as a sample's footprint on the surface.
+
+    Foreshortening counts half way (the geometric mean of the footprint's sides), so that grazing surfaces are neither
+    blurred across nor aliased along the tilt.
+    """
+    area = abs((uv[1, 0] - uv[0, 0]) * (uv[2, 1] - uv[0, 1]) - (uv[2, 0] - uv[0, 0]) * (uv[1, 1] - uv[0, 1]))
+    texels = area * table[texture, 0, 1] * table[texture, 0, 2] / np.sqrt(square)
+    covered = texels * footprint * footprint / max(cosine, 0.15)
+    level = min(int(np.floor(0.5 * np.log2(max(covered, 1.0)) + 0.35)), table.shape[1] - 1)
+    while level > 0 and table[texture, level, 1] == 0:
+        level -= 1
+    return int(level)
+
+
+@njit(cache=True, nogil=True)
+def _texture_value(textures: Textures, texture: int, level: int, u: float, v: float, out: Array) -> None:
     """Bilinear lookup in linear light; u to the right, v up, texel centres at half integers, clamped at the border."""
-    x = u * width - 0.5
-    y = (1.0 - v) * height - 0.5
-    x = min(max(x, 0.0), width - 1.0)
-    y = min(max(y, 0.0), height - 1.0)
-    x0 = min(int(x), width - 2) if width > 1 else 0
-    y0 = min(int(y), height - 2) if height > 1 else 0
+    offset, width, height = textures.table[texture, level]
+    x = min(max(u * width - 0.5, 0.0), width - 1.0)
+    y = min(max((1.0 - v) * height - 0.5, 0.0), height - 1.0)
+    x0 = max(min(int(x), width - 2), 0)
+    y0 = max(min(int(y), height - 2), 0)
     fx, fy = x - x0, y - y0
     right = 1 if width > 1 else 0
     below = width if height > 1 else 0
     base = offset + y0 * width + x0
     for channel in range(3):
-        upper = linear[texels[base, channel]] * (1.0 - fx) + linear[texels[base + right, channel]] * fx
-        lower = linear[texels[base + below, channel]] * (1.0 - fx) + linear[texels[base + below + right, channel]] * fx
-        out[channel] = upper * (1.0 - fy) + lower * fy
+        first = textures.linear[textures.texels[base, channel]]
+        second = textures.linear[textures.texels[base + right, channel]]
+        third = textures.linear[textures.texels[base + below, channel]]
+        fourth = textures.linear[textures.texels[base + below + right, channel]]
+        upper = first * (1.0 - fx) + second * fx
+        out[channel] = upper * (1.0 - fy) + (third * (1.0 - fx) + fourth * fx) * fy
 
 
-@njit(cache=True, nogil=True, fastmath=False)
-def shade_samples(
+@njit(cache=True, nogil=True)
+def _highlight(surface: Surface, lamps: Lamps, triangle: int, weights: Array, point: Array, direction: Array) -> float:
+    """Blinn's highlight of all lamps (Blinn 1977), each times the share of it that is seen from here."""
+    corners = surface.triangles[triangle]
+    nx = ny = nz = 0.0
+    for k in range(3):
+        nx += weights[k] * surface.normals[corners[k], 0]
+        ny += weights[k] * surface.normals[corners[k], 1]
+        nz += weights[k] * surface.normals[corners[k], 2]
+    length = np.sqrt(max(nx * nx + ny * ny + nz * nz, 1e-30))
+    far = np.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
+    shine = 0.0
+    for lamp in range(lamps.positions.shape[0]):
+        seen = 0.0
+        for k in range(3):
+            seen += weights[k] * surface.light_visibility[corners[k], lamp]
+        if seen <= 0.0:
+            continue
+        lx = lamps.positions[lamp, 0] - point[0]
+        ly = lamps.positions[lamp, 1] - point[1]
+        lz = lamps.positions[lamp, 2] - point[2]
+        away = np.sqrt(lx * lx + ly * ly + lz * lz)
+        hx, hy, hz = lx / away - direction[0] / far, ly / away - direction[1] / far, lz / away - direction[2] / far
+        facing = (nx * hx + ny * hy + nz * hz) / (length * max(np.sqrt(hx * hx + hy * hy + hz * hz), 1e-12))
+        if facing > 0.0:
+            shine += lamps.powers[lamp] * min(seen, 1.0) * facing ** surface.shininess[triangle]
+    return float(shine * surface.gloss[triangle])
+
+
+@njit(cache=True, nogil=True)
+def _sample_light(
+    surface: Surface,
+    textures: Textures,
+    lamps: Lamps,
+    triangle: int,
+    center: Array,
+    direction: Array,
+    spacing: float,
+    work: Array,
+) -> None:
+    """Light (3,) that one ray brings, left in work[0]; the other rows of `work` (3, 3) are scratch."""
+    depth, wb, wc, square, slope = _meet(surface, triangle, center, direction)
+    light, weights, point = work[0], work[1], work[2]
+    light[:] = 0.0
+    if square == 0.0:
+        return
+    weights[0], weights[1], weights[2] = 1.0 - wb - wc, wb, wc
+    for axis in range(3):
+        point[axis] = center[axis] + depth * direction[axis]
+    corners = surface.triangles[triangle]
+    texture = surface.triangle_texture[triangle]
+    if texture >= 0:
+        uv = surface.triangle_uv[triangle]
+        far = np.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
+        cosine = abs(slope) / (np.sqrt(square) * far)
+        level = _mip_level(textures.table, texture, uv, square, depth * spacing, cosine)
+        u = weights[0] * uv[0, 0] + wb * uv[1, 0] + wc * uv[2, 0]
+        v = weights[0] * uv[0, 1] + wb * uv[1, 1] + wc * uv[2, 1]
+        _texture_value(textures, texture, level, u, v, light)
+    else:
+        for k in range(3):
+            for channel in range(3):
+                light[channel] += weights[k] * surface.colors[corners[k], channel]
+    received = 0.0
+    for k in range(3):
+        received += weights[k] * surface.irradiance[corners[k]]
+    received = max(received, 0.0)
+    shine = _highlight(surface, lamps, triangle, weights, point, direction)
+    for channel in range(3):
+        light[channel] = light[channel] * received + shine
+
+
+@njit(cache=True, nogil=True)
+def shade_pixels(
+    surface: Surface,
+    textures: Textures,
+    lamps: Lamps,
     hit: Array,
     directions: Array,
     center: Array,
-    vertices: Array,
-    triangles: Array,
-    normals: Array,
-    irradiance: Array,
-    light_visibility: Array,
-    lights: Array,
-    light_power: Array,
-    triangle_texture: Array,
-    triangle_uv: Array,
-    colors: Array,
-    gloss: Array,
-    shininess: Array,
-    level_table: Array,
-    texels: Array,
-    linear: Array,
-    sample_spacing: float,
+    spacing: float,
     backdrop: Array,
     image: Array,
 ) -> None:
     """Mean light of the samples of every pixel, written into image (pixels, 3).
 
-    For each sample the ray meets the plane of its triangle (double precision); barycentric coordinates there give
-    texture place, irradiance and normal. The mip level is the one whose texels are as large as the sample's footprint.
+    Parameters
+    ----------
+    hit, directions
+        (pixels, samples) triangle, -1 for the backdrop, and (pixels, samples, 3) ray directions of depth 1.
+    center
+        (3,) camera centre.
+    spacing
+        Distance between samples at depth 1.
+    backdrop
+        (3,) linear light.
     """
     pixels, samples = hit.shape
-    albedo = np.zeros(3)
-    point = np.zeros(3)
-    normal = np.zeros(3)
+    work = np.zeros((3, 3))
+    total = np.zeros(3)
     for pixel in range(pixels):
-        total0 = total1 = total2 = 0.0
+        total[:] = 0.0
         for sample in range(samples):
-            triangle = hit[pixel, sample]
-            if triangle < 0:
-                total0 += backdrop[0]
-                total1 += backdrop[1]
-                total2 += backdrop[2]
+            if hit[pixel, sample] < 0:
+                total += backdrop
                 continue
-            a, b, c = triangles[triangle, 0], triangles[triangle, 1], triangles[triangle, 2]
-            dx, dy, dz = directions[pixel, sample, 0], directions[pixel, sample, 1], directions[pixel, sample, 2]
-            e1x, e1y, e1z = (
-                vertices[b, 0] - vertices[a, 0], vertices[b, 1] - vertices[a, 1], vertices[b, 2] - vertices[a, 2],
+            _sample_light(
+                surface, textures, lamps, hit[pixel, sample], center, directions[pixel, sample], spacing, work
             )
-            e2x, e2y, e2z = (
-                vertices[c, 0] - vertices[a, 0], vertices[c, 1] - vertices[a, 1], vertices[c, 2] - vertices[a, 2],
-            )
-            nx, ny, nz = e1y * e2z - e1z * e2y, e1z * e2x - e1x * e2z, e1x * e2y - e1y * e2x
-            square = nx * nx + ny * ny + nz * nz
-            ax, ay, az = vertices[a, 0] - center[0], vertices[a, 1] - center[1], vertices[a, 2] - center[2]
-            slope = nx * dx + ny * dy + nz * dz
-            if square == 0.0 or slope == 0.0:
-                continue
-            depth = (nx * ax + ny * ay + nz * az) / slope
-            px, py, pz = depth * dx - ax, depth * dy - ay, depth * dz - az
-            wb = (nx * (py * e2z - pz * e2y) + ny * (pz * e2x - px * e2z) + nz * (px * e2y - py * e2x)) / square
-            wc = (nx * (e1y * pz - e1z * py) + ny * (e1z * px - e1x * pz) + nz * (e1x * py - e1y * px)) / square
-            # A sample beside its triangle (its pixel's centre triangle goes on) may not run away at thin slivers.
-            wb = min(max(wb, -1.0), 2.0)
-            wc = min(max(wc, -1.0), 2.0)
-            wa = 1.0 - wb - wc
-            point[0], point[1], point[2] = depth * dx + center[0], depth * dy + center[1], depth * dz + center[2]
-            texture = triangle_texture[triangle]
-            if texture >= 0:
-                u = wa * triangle_uv[triangle, 0, 0] + wb * triangle_uv[triangle, 1, 0] + wc * triangle_uv[triangle, 2, 0]
-                v = wa * triangle_uv[triangle, 0, 1] + wb * triangle_uv[triangle, 1, 1] + wc * triangle_uv[triangle, 2, 1]
-                du1 = triangle_uv[triangle, 1, 0] - triangle_uv[triangle, 0, 0]
-                dv1 = triangle_uv[triangle, 1, 1] - triangle_uv[triangle, 0, 1]
-                du2 = triangle_uv[triangle, 2, 0] - triangle_uv[triangle, 0, 0]
-                dv2 = triangle_uv[triangle, 2, 1] - triangle_uv[triangle, 0, 1]
-                area_uv = abs(du1 * dv2 - du2 * dv1)
-                cosine = abs(slope) / np.sqrt(square * (dx * dx + dy * dy + dz * dz))
-                footprint = depth * sample_spacing
-                # Texels of level 0 that one sample covers (area), foreshortening counted half way so that grazing
-                # surfaces are neither blurred across nor aliased along the tilt.
-                covered = area_uv * level_table[texture, 0, 1] * level_table[texture, 0, 2] / np.sqrt(square)
-                covered *= footprint * footprint / max(cosine, 0.15)
-                level = int(np.floor(0.5 * np.log2(max(covered, 1.0)) + 0.35))
-                last = level_table.shape[1] - 1
-                while level > last or (level > 0 and level_table[texture, level, 1] == 0):
-                    level -= 1
-                _texture_value(
-                    texels, level_table[texture, level, 0], level_table[texture, level, 1],
-                    level_table[texture, level, 2], u, v, linear, albedo,
-                )
-            else:
-                for channel in range(3):
-                    albedo[channel] = wa * colors[a, channel] + wb * colors[b, channel] + wc * colors[c, channel]
-            length = 0.0
-            for axis in range(3):
-                normal[axis] = wa * normals[a, axis] + wb * normals[b, axis] + wc * normals[c, axis]
-                length += normal[axis] * normal[axis]
-            length = np.sqrt(max(length, 1e-30))
-            vx, vy, vz = -dx, -dy, -dz
-            vl = np.sqrt(vx * vx + vy * vy + vz * vz)
-            vx, vy, vz = vx / vl, vy / vl, vz / vl
-            shine = 0.0
-            for light in range(lights.shape[0]):
-                seen = (
-                    wa * light_visibility[a, light] + wb * light_visibility[b, light] + wc * light_visibility[c, light]
-                )
-                if seen <= 0.0:
-                    continue
-                lx, ly, lz = lights[light, 0] - point[0], lights[light, 1] - point[1], lights[light, 2] - point[2]
-                ll = np.sqrt(lx * lx + ly * ly + lz * lz)
-                hx, hy, hz = lx / ll + vx, ly / ll + vy, lz / ll + vz
-                hl = np.sqrt(hx * hx + hy * hy + hz * hz)
-                facing = (normal[0] * hx + normal[1] * hy + normal[2] * hz) / (length * max(hl, 1e-12))
-                if facing > 0.0:
-                    shine += light_power[light] * min(seen, 1.0) * facing ** shininess[triangle]
-            shine *= gloss[triangle]
-            light_here = max(wa * irradiance[a] + wb * irradiance[b] + wc * irradiance[c], 0.0)
-            total0 += albedo[0] * light_here + shine
-            total1 += albedo[1] * light_here + shine
-            total2 += albedo[2] * light_here + shine
-        image[pixel, 0] = total0 / samples
-        image[pixel, 1] = total1 / samples
-        image[pixel, 2] = total2 / samples
+            total += work[0]
+        for channel in range(3):
+            image[pixel, channel] = total[channel] / samples

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture_eval.cameras import View
-from capture_eval.images.head import Contrast, Head
+from capture_eval.images.head import Head
 from capture_eval.images.ray_casting import SAMPLES_PER_SIDE, TriangleScene, sample_pixels
 from capture_eval.images.sensor import linear_from_srgb, srgb_from_linear
 from capture_eval.triangle_geometry import vertex_normals
@@ -263,13 +263,13 @@ def _fill_light(
     scene: TriangleScene, starts: FloatArray, normals: FloatArray, lighting: Lighting, count: int = 384
 ) -> FloatArray:
     directions = sphere_directions(count)
-    brightness = 0.5 * (lighting.fill_top + lighting.fill_bottom)
-    brightness = brightness + 0.5 * (lighting.fill_top - lighting.fill_bottom) * directions[:, 1]
+    middle, slope = lighting.fill_top + lighting.fill_bottom, lighting.fill_top - lighting.fill_bottom
+    brightness = 0.5 * (middle + slope * directions[:, 1])
     cosines = np.maximum(normals @ directions.T, 0.0)
     vertex, direction = np.nonzero(cosines > 0.02)
     free = scene.escapes(starts[vertex], directions[direction])
     light = cosines[vertex, direction] * brightness[direction] * free
-    return np.bincount(vertex, light, minlength=len(starts)) * (4.0 / count)
+    return np.asarray(np.bincount(vertex, light, minlength=len(starts)) * (4.0 / count), dtype=np.float64)
 
 
 def _box_light(
@@ -307,7 +307,7 @@ def photograph(lit: LitHead, view: View, samples_per_side: int = SAMPLES_PER_SID
     -------
     (height, width, 3) linear light, 1 = white.
     """
-    from capture_eval.images.shading_kernels import shade_samples
+    from capture_eval.images.shading_kernels import Lamps, Surface, Textures, shade_pixels
 
     backdrop = np.full(3, float(linear_from_srgb(lit.lighting.backdrop / 255.0)))
     picture = np.empty((view.intrinsics.height, view.intrinsics.width, 3))
@@ -317,25 +317,28 @@ def photograph(lit: LitHead, view: View, samples_per_side: int = SAMPLES_PER_SID
         return picture
     window = np.zeros((seen.width * seen.height, 3))
     boxes = lit.lighting.boxes
-    shade_samples(
+    model = lit.model
+    shade_pixels(
+        Surface(
+            lit.scene.vertices,
+            lit.scene.triangles,
+            lit.normals,
+            lit.irradiance,
+            lit.light_visibility,
+            model.triangle_texture,
+            model.triangle_uv,
+            model.colors,
+            model.gloss,
+            model.shininess,
+        ),
+        Textures(model.textures.table, model.textures.texels, _linear_table()),
+        Lamps(
+            np.array([box.position for box in boxes], dtype=np.float64).reshape(-1, 3),
+            np.array([box.power for box in boxes], dtype=np.float64),
+        ),
         seen.triangles,
         seen.directions,
         seen.center,
-        lit.scene.vertices,
-        lit.scene.triangles,
-        lit.normals,
-        lit.irradiance,
-        lit.light_visibility,
-        np.array([box.position for box in boxes], dtype=np.float64).reshape(-1, 3),
-        np.array([box.power for box in boxes], dtype=np.float64),
-        lit.model.triangle_texture,
-        lit.model.triangle_uv,
-        lit.model.colors,
-        lit.model.gloss,
-        lit.model.shininess,
-        lit.model.textures.table,
-        lit.model.textures.texels,
-        _linear_table(),
         1.0 / (float(view.intrinsics.matrix[0, 0]) * samples_per_side),
         backdrop,
         window,
@@ -343,8 +346,3 @@ def photograph(lit: LitHead, view: View, samples_per_side: int = SAMPLES_PER_SID
     rows, columns = slice(seen.top, seen.top + seen.height), slice(seen.left, seen.left + seen.width)
     picture[rows, columns] = window.reshape(seen.height, seen.width, 3)
     return picture
-
-
-def skin_albedo(head: Head, size: int, contrast: Contrast) -> ByteArray:
-    """Skin colour image of a head, checked for its shape."""
-    return np.ascontiguousarray(head.albedo(size, contrast), dtype=np.uint8)

@@ -18,18 +18,17 @@ from numpy.typing import NDArray
 
 from capture_eval.cameras import View
 from capture_eval.errors import InputError
-from capture_eval.files.atomic import read_json, write_json, write_npz, write_text
+from capture_eval.files.atomic import read_json, write_json, write_npz
 from capture_eval.files.camera_files import write_cameras
-from capture_eval.files.mesh_files import write_mesh
 from capture_eval.files.jpeg_files import PhotoTags, write_jpeg
+from capture_eval.files.mesh_files import write_mesh
 from capture_eval.images.camera_rig import intrinsics_for, place_cameras
-from capture_eval.images.head import Contrast, Head
-from capture_eval.images.landmark_noise import click_landmarks
+from capture_eval.images.head import Head
 from capture_eval.images.sensor import expose
 from capture_eval.images.skin_shading import HeadModel, build_head_model, light_head, photograph
 from capture_eval.images.timing import parse_timing
-from capture_eval.polygon_mesh import PolygonMesh
-from capture_eval.similarity import Similarity
+from capture_eval.stages.capture_inputs import write_capture_inputs
+from capture_eval.stages.synthesize_options import SynthesizeOptions
 from capture_eval.triangle_geometry import diameter
 
 FloatArray = NDArray[np.float64]
@@ -37,83 +36,6 @@ logger = logging.getLogger("capture_eval.synthesize")
 # Raised whenever the same options give other pixels, so that half-finished captures are not mixed.
 PICTURE_VERSION = 1
 _STATE = "truth/state.json"
-
-
-@dataclass(frozen=True)
-class SynthesizeOptions:
-    """What to photograph and how.
-
-    Attributes
-    ----------
-    motion, timing
-        Motion of the head, and its timing law (`linear`, `eased`, `power:p`).
-    poses
-        Number of poses at t = 0, 1/(poses-1), ..., 1; `times` overrides it.
-    views
-        Photos of every pose.
-    width, height
-        Picture size in pixels.
-    seed
-        Of camera jitter, sensor noise and landmark noise.
-    skin
-        ``normal``, or ``weak`` for a low-contrast skin that is hard to match.
-    noise
-        Sensor noise in grey levels; None means 1.5 (normal skin) or 2.5 (weak skin).
-    distortion
-        k1, k2, p1, p2 of the lens.
-    texture_size
-        Side of the skin texture; None means 2048, or 4096 for pictures wider than 960 pixels.
-    landmark_noise
-        Pixels.
-    template_scale, template_turn
-        The template stands in another frame: scaled, and turned by so many degrees.
-    """
-
-    motion: str = "jaw_open"
-    timing: str = "linear"
-    poses: int = 11
-    times: tuple[float, ...] | None = None
-    views: int = 30
-    width: int = 640
-    height: int = 480
-    seed: int = 0
-    skin: Contrast = "normal"
-    noise: float | None = None
-    quality: int = 95
-    distortion: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
-    texture_size: int | None = None
-    landmark_noise: float = 1.0
-    template_scale: float = 1.13
-    template_turn: float = 17.0
-
-    def pose_times(self) -> tuple[float, ...]:
-        """Time of every pose.
-
-        Raises
-        ------
-        InputError
-            Fewer than two poses, or times that do not rise from 0 to 1.
-        """
-        times = self.times
-        if times is None:
-            if self.poses < 2:
-                raise InputError(f"{self.poses} poses asked for; a motion needs at least 2")
-            times = tuple(round(k / (self.poses - 1), 12) for k in range(self.poses))
-        if len(times) < 2 or times[0] != 0.0 or times[-1] != 1.0 or min(np.diff(times)) <= 0.0:
-            raise InputError(f"pose times {times} must rise from 0 to 1")
-        return times
-
-    def sensor_noise(self) -> float:
-        """Sensor noise in grey levels."""
-        if self.noise is not None:
-            return self.noise
-        return 2.5 if self.skin == "weak" else 1.5
-
-    def skin_texture_size(self) -> int:
-        """Side of the skin texture in texels."""
-        if self.texture_size is not None:
-            return self.texture_size
-        return 4096 if max(self.width, self.height) > 960 else 2048
 
 
 @dataclass(frozen=True)
@@ -167,6 +89,7 @@ def synthesize_capture(
     InputError
         The head does not know the motion, template and head differ in topology, or an option makes no sense.
     """
+    options.check()
     times = options.pose_times()
     amounts = parse_timing(options.timing)(np.array(times))
     _check_heads(head, template, options)
@@ -192,7 +115,7 @@ def synthesize_capture(
     logger.info("%s: %d photos to make, %d are there", out, missing, total - missing)
     _photograph_all(model, [task for task in tasks if task.views], cores, total, total - missing, progress)
     _write_truth(out, head, options, times, amounts, truth, views_of_pose)
-    _write_inputs(out, head, template, model, vertices[0], options, times, views_of_pose[pose_names[0]])
+    write_capture_inputs(out, head, template, model, vertices[0], options, times, views_of_pose[pose_names[0]])
     return {
         "manifest": str(out / "manifest.yaml"),
         "photos": total,
@@ -212,10 +135,6 @@ def _check_heads(head: Head, template: Head, options: SynthesizeOptions) -> None
         raise InputError(f"{head.name} has no motion {options.motion!r}; it has {', '.join(head.motions)}")
     if not np.array_equal(head.skin.face_vertices, template.skin.face_vertices):
         raise InputError(f"template {template.name} and head {head.name} have different faces")
-    if options.views < 2:
-        raise InputError(f"{options.views} views asked for; at least 2 are needed")
-    if options.skin not in ("normal", "weak"):
-        raise InputError(f"skin {options.skin!r} is unknown; use normal or weak")
 
 
 def _fingerprint(
@@ -230,14 +149,29 @@ def _fingerprint(
 
 
 def _keep_state(out: Path, fingerprint: str) -> bool:
-    """True when the folder holds photos of the same capture; the fingerprint is noted before the first photo."""
+    """True when the folder holds photos of the same capture; those of another capture of ours are removed.
+
+    The fingerprint is noted before the first photo, so that photos without one are somebody else's and are not touched.
+    """
     state = out / _STATE
-    if state.is_file():
-        try:
-            if read_json(state).get("fingerprint") == fingerprint:
-                return True
-        except InputError:
-            logger.warning("%s is damaged; all photos are made again", state)
+    if not state.is_file():
+        if (out / "photos").exists():
+            raise InputError(f"{out}: holds photos that synthesize did not make; choose another --out")
+        write_json(state, {"fingerprint": fingerprint})
+        return False
+    try:
+        content = read_json(state)
+    except InputError:
+        content = {}
+    if isinstance(content, dict) and content.get("fingerprint") == fingerprint:
+        return True
+    stale = sorted((out / "photos").glob("pose_*/view_*.jpg"))
+    logger.warning("%s: other options than before, %d photos are made anew", out, len(stale))
+    for photo in stale:
+        photo.unlink()
+    for folder in (out / "photos").glob("pose_*"):
+        if not any(folder.iterdir()):
+            folder.rmdir()
     write_json(state, {"fingerprint": fingerprint})
     return False
 
@@ -346,91 +280,3 @@ def _write_truth(
             "noise_grey_levels": options.sensor_noise(),
         },
     )
-
-
-def template_from_head(options: SynthesizeOptions) -> Similarity:
-    """The template's own frame: scaled, turned about a slanted axis, and moved."""
-    from scipy.spatial.transform import Rotation
-
-    axis = np.array([0.42, 0.86, -0.29])
-    turn = Rotation.from_rotvec(np.radians(options.template_turn) * axis / np.linalg.norm(axis))
-    return Similarity(options.template_scale, turn.as_matrix(), np.array([31.0, -12.0, 57.0]))
-
-
-def _write_inputs(
-    out: Path,
-    head: Head,
-    template: Head,
-    model: HeadModel,
-    neutral: FloatArray,
-    options: SynthesizeOptions,
-    times: Sequence[float],
-    views: Sequence[View],
-) -> None:
-    """What a user would hand in with the photos: template, landmarks, curves, manifest."""
-    move = template_from_head(options)
-    write_mesh(out / "template.obj", template.skin.with_vertices(move.apply(template.skin.vertices)))
-    if template.blockers:
-        write_mesh(out / "occluders.obj", joined_blockers(template, move))
-    lit = light_head(model, neutral)
-    clicks = click_landmarks(lit.scene, lit.normals, views, head.landmarks, options.seed, options.landmark_noise)
-    landmarks = [
-        {
-            "name": name,
-            "vertex": int(template.landmarks[name]),
-            "photos": {photo: [round(u, 3), round(v, 3)] for photo, (u, v) in photos.items()},
-        }
-        for name, photos in clicks.items()
-        if len(photos) >= 2 and name in template.landmarks
-    ]
-    _write_yaml(out / "landmarks.yaml", {"landmarks": landmarks})
-    _write_yaml(out / "curves.yaml", {"curves": [_plain(curve) for curve in head.curves]})
-    _write_yaml(out / "manifest.yaml", manifest_of(out.name, template, times))
-
-
-def manifest_of(name: str, template: Head, times: Sequence[float]) -> dict[str, Any]:
-    """Manifest of a synthetic capture, ready to be written as YAML."""
-    parts = {"mesh": "template.obj", "landmarks": "landmarks.yaml"}
-    if template.blockers:
-        parts["occluders"] = "occluders.obj"
-    return {
-        "name": name,
-        "source": "synthetic",
-        "poses": [{"t": float(t), "photos": f"photos/pose_{k:02d}"} for k, t in enumerate(times)],
-        "template": parts,
-        "rigid_region": [int(vertex) for vertex in template.rigid_region],
-        "curves": "curves.yaml",
-        "methods": ["linear", "pde_linear", "pde_quadratic", "pde_cubic"],
-        "truth": {"mesh": "truth/mesh.obj", "vertices": "truth/truth.npz", "cameras": "truth/cameras.json"},
-    }
-
-
-def joined_blockers(head: Head, move: Similarity) -> PolygonMesh:
-    """Eyes, teeth and so on of a head as one mesh without texture, in the moved frame."""
-    vertices: list[FloatArray] = []
-    faces: list[NDArray[np.int64]] = []
-    start = 0
-    for part in head.blockers:
-        vertices.append(move.apply(part.mesh.vertices))
-        faces += [face + start for face in part.mesh.faces()]
-        start += len(part.mesh.vertices)
-    return PolygonMesh.from_faces(np.concatenate(vertices), faces)
-
-
-def _plain(value: Any) -> Any:
-    """Numbers and containers of NumPy and of mappings as plain Python, for YAML."""
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    if isinstance(value, np.generic):
-        return value.item()
-    if hasattr(value, "items"):
-        return {_plain(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return value
-
-
-def _write_yaml(path: Path, value: Any) -> None:
-    import yaml
-
-    write_text(path, yaml.safe_dump(value, sort_keys=False, default_flow_style=None, width=110, allow_unicode=True))
