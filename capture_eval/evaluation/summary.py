@@ -103,7 +103,8 @@ def _method_row(
 ) -> dict[str, Any]:
     table = evaluation.table
     k = table.methods.index(name)
-    warned = [line for curve in curves.curves for line in method.warnings(len(curve.vertices), curve.closed)]
+    kinds = dict.fromkeys((len(curve.vertices), curve.closed) for curve in curves.curves)
+    warned = [line for count, closed in kinds for line in method.warnings(count, closed)]
     return {
         "title": method.title,
         "reference": method.reference,
