@@ -7,21 +7,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..evaluation.error_table import ErrorTable
 from . import figure_style
-from .saved_results import ErrorTable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 PER_CURVE_CAPTION = (
-    "Errors per curve. Top: E_M(n), the maximum over t of E_M(n, t). Bottom: E_A(n), the mean over t of E_A(n, t). "
+    "Top: E_M(n), the maximum over t of E_M(n, t). Bottom: E_A(n), the mean over t of E_A(n, t). "
     "E_A(n, t) is the mean and E_M(n, t) the maximum over the points of curve n of the distance between predicted and "
     "ground-truth position, divided by D, the distance of the two farthest vertices of the neutral model "
     "(paper 003, Eq 35)."
 )
 OVER_TIME_CAPTION = (
-    "Errors against t. LME(t) is the largest E_M(n, t) and LAE(t) the largest E_A(n, t) of all curves n; right, the "
+    "LME(t) is the largest E_M(n, t) and LAE(t) the largest E_A(n, t) of all curves n; right, the "
     "mean of E_A(n, t) over the curves. LME and LAE of the tables are the largest values of the two left panels."
 )
 ERROR_MAP_CAPTION = (
@@ -64,7 +64,9 @@ def errors_per_curve(errors: ErrorTable) -> Figure:
         axes.set_ylim(bottom=0.0)
         axes.set_title(title)
         axes.set_xlim(-0.6, count - 0.4)
-    lower.set_xticks(np.arange(count), [f"{name}  {index + 1}" for index, name in enumerate(errors.curves)], rotation=90)
+    lower.set_xticks(
+        np.arange(count), [f"{name}  {index + 1}" for index, name in enumerate(errors.curves)], rotation=90
+    )
     lower.tick_params(axis="x", length=0, labelsize=5.5, pad=1.5)
     upper.tick_params(axis="x", length=0)
     figure.align_ylabels([upper, lower])
@@ -94,7 +96,13 @@ def errors_over_time(errors: ErrorTable, noise_floor: float | None = None) -> Fi
         for row, method in enumerate(errors.methods):
             padded_t, padded = _with_end_poses(errors.t, values[row])
             style = styles[method]
-            axes.plot(padded_t, 100.0 * padded, label=style.label, **figure_style.line_options(style, 3.2), markevery=slice(1, -1))
+            axes.plot(
+                padded_t,
+                100.0 * padded,
+                label=style.label,
+                **figure_style.line_options(style, 3.2),
+                markevery=slice(1, -1),
+            )
         missing = [float(t) for place, t in enumerate(errors.t) if not np.any(np.isfinite(values[:, place]))]
         figure_style.mark_failed(axes, missing, 0.03)
         axes.set_title(title, fontsize=7.0)

@@ -25,20 +25,19 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 METHODS_CAPTION = (
-    "Ground truth (left) and methods at chosen t. Grey: the registered face of that t; lines: the curves, in the method "
-    "columns where the method puts them, coloured by the distance from the true place of each point, one scale for all. "
-    "In a tile, the largest error of the curves drawn (% of D)."
+    "Grey: the registered face at t; lines: the curves, in the method columns where the method puts them, "
+    "coloured by the distance of each point from its true place, on one square-root scale. "
+    "The number in a tile is the largest error of all curves at that t (% of D)."
+    " Thin grey lines: points that do not count, because tracking was not sure of them."
 )
 LINEAR_CAPTION = (
-    "Whole-face error of geometric linear interpolation, which is defined for every vertex: distance of each vertex "
-    "from its registered place, drawn on the registered face. Grey: tracking confidence under 0.5, no claim."
+    "Geometric linear interpolation is defined for every vertex, not only on curves: distance of each vertex "
+    "from its registered place, drawn on the registered face. Grey: vertices that do not count."
 )
 CONFIDENCE_CAPTION = (
-    "Tracking confidence, drawn on the neutral face: for every vertex the lowest value of all poses. Blue parts carry "
+    "Drawn on the neutral face: for every vertex the lowest value of all poses. Blue parts carry "
     "the evaluation; brown parts were hidden, opened or closed in some pose."
 )
-LOW_CONFIDENCE = 0.5
-
 _ASPECT = 1.3
 
 _FACE_COLOUR = (0.84, 0.84, 0.85)
@@ -93,11 +92,10 @@ def visible_points(vertices: Floats, triangles: Integers, points: Floats, view: 
     """
     import open3d
 
+    tensor: Any = open3d.core.Tensor
     scene = open3d.t.geometry.RaycastingScene(nthreads=1)
     centre = np.nanmean(vertices, axis=0)
-    scene.add_triangles(
-        open3d.core.Tensor((vertices - centre).astype(np.float32)), open3d.core.Tensor(triangles.astype(np.uint32))
-    )
+    scene.add_triangles(tensor((vertices - centre).astype(np.float32)), tensor(triangles.astype(np.uint32)))
     offsets = points - view.center
     distance = np.linalg.norm(offsets, axis=1)
     known = np.isfinite(distance)
@@ -106,15 +104,13 @@ def visible_points(vertices: Floats, triangles: Integers, points: Floats, view: 
     reach = 2.0 * float(np.nanmax(np.linalg.norm(vertices - centre, axis=1)))
     start = np.where(known[:, None], points, centre) - reach * directions - centre
     rays = np.concatenate([start, directions], axis=1).astype(np.float32)
-    hit = scene.cast_rays(open3d.core.Tensor(rays), nthreads=1)["t_hit"].numpy()
+    hit = scene.cast_rays(tensor(rays), nthreads=1)["t_hit"].numpy()
     return known & (hit > reach - tolerance)
 
 
 def choose_times(curves: CurvePositions, count: int = 3) -> list[int]:
     """Choose in-between poses evenly spread over those that have a ground truth; rows of ``CurvePositions.t``."""
-    inside = [
-        row for row in range(1, len(curves.t) - 1) if bool(np.any(np.isfinite(curves.truth[row])))
-    ]
+    inside = [row for row in range(1, len(curves.t) - 1) if bool(np.any(np.isfinite(curves.truth[row])))]
     if len(inside) <= count:
         return inside
     wanted = np.linspace(0.3, 0.7, count)
@@ -144,18 +140,18 @@ def faces_by_method(
     width = figure_style.DOUBLE_COLUMN
     tile = (width - 0.45) / columns
     aspect = _ASPECT
-    figure = figure_style.new_figure(width, max(len(rows), 1) * tile * aspect + 0.3)
-    figure.get_layout_engine().set(w_pad=0.01, h_pad=0.01, wspace=0.0, hspace=0.0)  # type: ignore[union-attr]
+    figure = figure_style.new_figure(width, max(len(rows), 1) * tile * aspect + 0.3, padding=0.01)
     axes = figure.subplots(max(len(rows), 1), columns, squeeze=False)
     for panel in axes.ravel():
         panel.axis("off")
     if not rows:
         axes[0, 0].text(0.0, 0.5, "no in-between pose has a ground truth", color=figure_style.FAILED_COLOUR)
         return figure
-    size = (360, int(round(360 * aspect)))
+    size = (360, round(360 * aspect))
     view = look_at(_portrait(faces, up, front, diameter), up, front, turn, size)
     errors = {method: curves.point_errors(method, diameter) for method in methods}
-    top = 100.0 * max(float(np.nanmax(errors[method][rows])) for method in methods)
+    known = np.concatenate([errors[method][rows].ravel() for method in methods])
+    top = 100.0 * float(np.max(known[np.isfinite(known)], initial=0.0))
     styles = figure_style.method_styles(methods)
     for line, row in enumerate(rows):
         vertices = faces.vertices[row]
@@ -175,7 +171,7 @@ def faces_by_method(
             else:
                 values = 100.0 * errors[method][row]
                 _draw_curves(panel, curves, curves.predictions[method][row], seen, view, values, top)
-                panel.text(size[0] - 6, size[1] - 6, f"{np.nanmax(values):.2f}", ha="right", va="bottom", fontsize=6)
+                panel.text(size[0] - 6, size[1] - 6, _largest_text(values), ha="right", va="bottom", fontsize=6)
     _error_bar(figure, axes, _error_scale(top), "error  (% of D, square-root scale)")
     return figure
 
@@ -187,7 +183,9 @@ def linear_heat_maps(
     from matplotlib.colors import Normalize
 
     inside = [row for row in range(1, len(faces.t) - 1) if faces.pose_ok[row]]
-    rows = [inside[i] for i in sorted(set(np.linspace(0, len(inside) - 1, count).round().astype(int)))] if inside else []
+    rows = (
+        [inside[i] for i in sorted(set(np.linspace(0, len(inside) - 1, count).round().astype(int)))] if inside else []
+    )
     width = figure_style.DOUBLE_COLUMN
     tile = (width - 0.45) / max(len(rows), 1)
     aspect = _ASPECT
@@ -201,11 +199,9 @@ def linear_heat_maps(
     if not rows or not np.any(np.isfinite(errors)):
         axes[0, 0].text(0.0, 0.5, "first, last or every in-between pose failed", color=figure_style.FAILED_COLOUR)
         return figure
-    trusted = np.ones(first.shape[0], dtype=bool)
-    if faces.confidence is not None:
-        trusted = np.min(faces.confidence[faces.pose_ok], axis=0) >= LOW_CONFIDENCE
+    trusted = faces.used
     top = 100.0 * float(np.nanmax(errors[:, trusted])) if np.any(trusted) else 1.0
-    size = (360, int(round(360 * aspect)))
+    size = (360, round(360 * aspect))
     view = look_at(_portrait(faces, up, front, diameter), up, front, turn, size)
     colourmap = figure_style.error_colourmap()
     for panel, row, values in zip(axes[0], rows, errors, strict=True):
@@ -220,7 +216,7 @@ def linear_heat_maps(
     return figure
 
 
-def confidence_map(faces: FaceSequence, diameter: float, up: Floats, front: Floats) -> Figure:
+def confidence_map(faces: FaceSequence, up: Floats, front: Floats) -> Figure:
     """Draw the lowest confidence of all poses on the neutral face, from three sides."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import LinearSegmentedColormap, Normalize
@@ -236,8 +232,8 @@ def confidence_map(faces: FaceSequence, diameter: float, up: Floats, front: Floa
         values = np.nan_to_num(np.min(faces.confidence[faces.pose_ok], axis=0))
         colours = np.asarray(colourmap(values))[:, :3]
         for panel, turn in zip(axes[0], (-50.0, 0.0, 50.0), strict=True):
-            size = (420, int(round(420 * aspect)))
-            view = look_at(_portrait(faces, up, front, diameter), up, front, turn, size)
+            size = (420, round(420 * aspect))
+            view = look_at(faces.vertices[0], up, front, turn, size)
             picture = render_mesh(
                 faces.vertices[0], faces.triangles, colours=colours, view=view, supersampling=2, shading=0.5
             )
@@ -251,6 +247,11 @@ def confidence_map(faces: FaceSequence, diameter: float, up: Floats, front: Floa
     return figure
 
 
+def _largest_text(values: Floats) -> str:
+    known = values[np.isfinite(values)]
+    return f"{known.max():.2f}" if known.size else "no value"
+
+
 def _portrait(faces: FaceSequence, up: Floats, front: Floats, diameter: float) -> Floats:
     """Points that frame the face in every pose: the front of the head, without neck and nape."""
     known = faces.vertices[np.all(np.isfinite(faces.vertices), axis=(1, 2))]
@@ -260,7 +261,8 @@ def _portrait(faces: FaceSequence, up: Floats, front: Floats, diameter: float) -
     height = known[0] @ up
     depth = points @ front
     keep = (depth > depth.max() - 0.36 * diameter) & (points @ up > height.max() - 0.86 * diameter)
-    return points[keep]
+    framed: Floats = points[keep]
+    return framed
 
 
 def _grey_face(vertices: Floats, triangles: Integers, view: View) -> NDArray[np.uint8]:
@@ -290,6 +292,9 @@ def _draw_curves(
         panel.add_collection(LineCollection(list(lines), colors="#1F2937", linewidths=0.55, capstyle="round"))
         return
     strength = 0.5 * (values[first[drawn]] + values[second[drawn]])
+    counts = np.isfinite(strength)
+    panel.add_collection(LineCollection(list(lines[~counts]), colors="#8A9099", linewidths=0.35))
+    lines, strength = lines[counts], strength[counts]
     collection = LineCollection(
         list(lines), cmap=figure_style.error_colourmap(), norm=_error_scale(top), linewidths=0.9, capstyle="round"
     )
@@ -319,4 +324,3 @@ def _error_bar(figure: Figure, axes: NDArray[Any], scale: Normalize, label: str)
     mappable = ScalarMappable(scale, figure_style.error_colourmap())
     bar = figure.colorbar(mappable, ax=list(axes.ravel()), location="right", shrink=0.6, pad=0.01, aspect=28)
     bar.set_label(label)
-

@@ -144,16 +144,25 @@ def paper_style() -> Iterator[None]:
         "image.interpolation": "antialiased",
         "mathtext.fontset": "dejavusans",
     }
-    with matplotlib.rc_context({**matplotlib.rcParamsDefault, "backend": "agg", **settings}):
+    everything: dict[Any, Any] = {**matplotlib.rcParamsDefault, "backend": "agg", **settings}
+    with matplotlib.rc_context(everything):
         yield
 
 
-def new_figure(width: float, height: float) -> Figure:
-    """Make a figure of the given size in inches that belongs to no window and no global list."""
+def new_figure(width: float, height: float, padding: float | None = None) -> Figure:
+    """Make a figure of the given size in inches that belongs to no window and no global list.
+
+    ``padding`` in inches sets pictures close together; by default panels keep matplotlib's distance.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    figure = Figure(figsize=(width, height), layout="constrained")
+    if padding is None:
+        layout = ConstrainedLayoutEngine()
+    else:
+        layout = ConstrainedLayoutEngine(w_pad=padding, h_pad=padding, wspace=0.0, hspace=0.0)
+    figure = Figure(figsize=(width, height), layout=layout)
     FigureCanvasAgg(figure)
     return figure
 

@@ -47,6 +47,7 @@ def viewer_payload(results: SavedResults, up: Floats, front: Floats) -> dict[str
     largest = max((float(values.max()) for values in finite if values.size), default=0.0)
     largest = largest if largest > 0.0 else 1.0
     return {
+        "diameter": results.diameter,
         "low": low.tolist(),
         "step": span / _STEPS,
         "up": up.tolist(),
@@ -73,7 +74,7 @@ def viewer_payload(results: SavedResults, up: Floats, front: Floats) -> dict[str
             }
             for method in curves.predictions
         ],
-        "face": None if faces is None else _pack_face(faces, low, span),
+        "face": None if faces is None else _pack_face(faces, low, span, faces is results.faces),
     }
 
 
@@ -103,7 +104,9 @@ def decimate(faces: FaceSequence, largest_count: int) -> FaceSequence:
         & (triangles[:, 2] != triangles[:, 0])
     )
     confidence = None if faces.confidence is None else faces.confidence[:, kept]
-    return FaceSequence(faces.t, faces.vertices[:, kept], triangles[proper], confidence, faces.pose_ok)
+    return FaceSequence(
+        faces.t, faces.vertices[:, kept], triangles[proper], confidence, faces.pose_ok, faces.used[kept]
+    )
 
 
 def _representatives(points: Floats, cell: float) -> Integers:
@@ -153,12 +156,13 @@ def _draw_order(curves: CurvePositions) -> Integers:
     return np.concatenate(order) if order else np.zeros(0, dtype=np.int64)
 
 
-def _pack_face(faces: FaceSequence, low: Floats, span: float) -> dict[str, Any]:
+def _pack_face(faces: FaceSequence, low: Floats, span: float, whole: bool) -> dict[str, Any]:
     confidence = None
     if faces.confidence is not None:
         confidence = _pack(np.rint(255.0 * np.clip(np.nan_to_num(faces.confidence), 0.0, 1.0)), "u1")
     return {
         "count": int(faces.vertices.shape[1]),
+        "whole": whole,
         "positions": _pack(_quantise(faces.vertices, low, span), "<u2"),
         "triangles": _pack(faces.triangles, "<i4"),
         "confidence": confidence,

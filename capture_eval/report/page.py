@@ -11,20 +11,36 @@ from typing import Any
 from .verdict import Verdict
 
 DEFINITIONS: tuple[tuple[str, str], ...] = (
-    ("D", "Distance of the two farthest vertices of the neutral model (paper 003, Eq 35). All errors are given in % of D."),
-    ("E_A(n, t)", "Mean over the points of curve n of the distance between predicted and ground-truth position, over D."),
+    (
+        "D",
+        "Distance of the two farthest vertices of the neutral model (paper 003, Eq 35). Errors are given in % of D.",
+    ),
+    (
+        "E_A(n, t)",
+        "Mean over the points of curve n of the distance between predicted and ground-truth position, over D.",
+    ),
     ("E_M(n, t)", "Largest such distance on curve n, over D."),
     ("LAE", "Largest E_A of all curves and in-between poses. LAE(t) is the largest of all curves at one t."),
     ("LME", "Largest E_M of all curves and in-between poses. LME(t) is the largest of all curves at one t."),
     (
         "Per-curve figures",
-        "Maximum over t of E_M and mean over t of E_A, the kind of the paper's Figure 8. Its text does not say which it "
-        "takes over t, so both are stated here.",
+        "Maximum over t of E_M and mean over t of E_A, the kind of the paper's Figure 8. Its text does not say what it "
+        "takes over t, so this is stated here.",
     ),
     ("Ground truth", "The registered meshes of this capture. They carry the errors of reconstruction and tracking."),
     (
         "Noise floor",
-        "Error that curves show which do not move: what reconstruction and tracking add. Printed, never subtracted.",
+        "E_A and E_M, against straight even motion, of curves whose points move less than 0.3 % of D on average: what "
+        "reconstruction and tracking add. Never subtracted.",
+    ),
+    (
+        "Timing and path",
+        "The error of a point, split along and across the straight line from its first to its last place. Squares add "
+        "up. A method that moves points on straight lines can only correct the timing.",
+    ),
+    (
+        "Points that count",
+        "Curve points whose tracking confidence is high enough in every pose. Predictions use whole curves.",
     ),
     ("Ratio", "The figure of a method divided by that of geometric linear interpolation; under 1 is better."),
 )
@@ -37,14 +53,15 @@ class Picture:
     name: str
     title: str
     caption: str
-    png: bytes
+    image: bytes
+    kind: str
     width: int
     height: int
 
     @property
     def data_uri(self) -> str:
         """The picture as text."""
-        return "data:image/png;base64," + base64.b64encode(self.png).decode("ascii")
+        return f"data:image/{self.kind};base64," + base64.b64encode(self.image).decode("ascii")
 
 
 @dataclass(frozen=True)

@@ -9,21 +9,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..evaluation.error_table import ErrorTable
 from . import figure_style
-from .saved_results import ErrorTable, PoseQuality, TruthComparison
+from .saved_results import PoseQuality, TruthComparison
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 QUALITY_CAPTION = (
-    "Reconstruction of every pose. Photos that structure from motion placed, of those taken; mean reprojection error; "
+    "By pose: photos that structure from motion placed, of those taken; mean reprojection error; "
     "points found; photos that see a vertex of the cleaned scan; residual of the alignment on what does not move; "
     "confidence of the tracked vertices. A pose without values failed or was not needed."
 )
 CONTACT_CAPTION = "One front view of every pose, as photographed."
 TRUTH_CAPTION = (
-    "Results from photos against known truth (synthetic capture only; truth is never an input). Left and middle: every "
+    "Left and middle: every "
     "marker is one curve at one t; on the diagonal photos and true meshes give the same error "
     "(errors under 0.005 % of D are drawn at 0.005). Right: distance of the "
     "tracked vertices from the true place of their skin point; the line is the median over the vertices."
@@ -58,7 +59,7 @@ def reconstruction_quality(poses: Sequence[PoseQuality]) -> Figure:
         axes[3],
         poses,
         times,
-        (("support_median", "median", 1.0), ("support_p10", "10th percentile", 1.0)),
+        (("support_median", "median", 1.0), ("support_p5", "5th percentile", 1.0)),
         "Support of the scan",
         "photos per vertex",
     )
@@ -168,8 +169,7 @@ def contact_sheet(
     ratio = max((photo.shape[0] / photo.shape[1] for photo in known), default=0.75)
     width = figure_style.DOUBLE_COLUMN
     tile = width / columns
-    figure = figure_style.new_figure(width, rows * (tile * ratio + 0.16))
-    figure.get_layout_engine().set(w_pad=0.015, h_pad=0.015, wspace=0.0, hspace=0.0)  # type: ignore[union-attr]
+    figure = figure_style.new_figure(width, rows * (tile * ratio + 0.16), padding=0.015)
     axes = figure.subplots(rows, columns, squeeze=False).ravel()
     for panel in axes:
         panel.axis("off")
@@ -194,9 +194,11 @@ def truth_comparison(errors: ErrorTable, truth: TruthComparison, poses: Sequence
     for axes, name, symbol in ((left, "average", "E$_A$"), (middle, "maximum", "E$_M$")):
         _truth_scatter(axes, errors, truth.errors_from_truth, name, symbol)
     times = np.array([pose.t for pose in poses])
-    names = {"median": "median", "p90": "90th percentile", "p95": "95th percentile", "max": "largest"}
+    names = {"median": "median", "p90": "90th percentile", "p95": "95th percentile"}
     drawn = 0
-    for (name, values), colour, marker in zip(truth.tracking.items(), (*_SERIES_COLOURS, "#555555"), "os^D", strict=False):
+    for (name, values), colour, marker in zip(
+        truth.tracking.items(), (*_SERIES_COLOURS, "#555555"), "os^D", strict=False
+    ):
         if len(values) == len(times) and np.any(np.isfinite(values)):
             right.plot(times, 100.0 * values, marker=marker, markersize=3.2, color=colour, label=names.get(name, name))
             drawn += 1
@@ -235,7 +237,12 @@ def _truth_scatter(axes: Axes, errors: ErrorTable, true: ErrorTable | None, name
         known = np.isfinite(photos) & np.isfinite(matched)
         if not np.any(known):
             continue
-        options = {**figure_style.marker_options(styles[method], 2.0), "markeredgewidth": 0.4, "alpha": 0.8, "rasterized": True}
+        options = {
+            **figure_style.marker_options(styles[method], 2.0),
+            "markeredgewidth": 0.4,
+            "alpha": 0.8,
+            "rasterized": True,
+        }
         pair = np.maximum(100.0 * np.stack([matched[known], photos[known]]), _SMALLEST_DRAWN)
         axes.plot(pair[0], pair[1], label=styles[method].label, **options)
         low, top = min(low, float(pair.min())), max(top, float(pair.max()))
@@ -249,9 +256,7 @@ def _truth_scatter(axes: Axes, errors: ErrorTable, true: ErrorTable | None, name
     axes.set_aspect("equal")
 
 
-def _matched(
-    errors: ErrorTable, true: ErrorTable, method: str, values: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _matched(errors: ErrorTable, true: ErrorTable, method: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Bring values of the true table to the curves and times of the measured one; NaN where it has none."""
     result = np.full((len(errors.curves), len(errors.t)), np.nan)
     if method not in true.methods:

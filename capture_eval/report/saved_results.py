@@ -14,37 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..evaluation.error_table import ErrorTable
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Booleans = NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class ErrorTable:
-    """Errors per method, curve and in-between pose.
-
-    Attributes
-    ----------
-    methods, curves
-        Names, in the order of ``errors.csv``.
-    t : (T,) array
-        Times of the in-between poses, increasing.
-    average, maximum : (methods, curves, T) arrays
-        E_A and E_M (paper 003, Eq 35) as fractions of D; NaN where there is no value.
-    """
-
-    methods: tuple[str, ...]
-    curves: tuple[str, ...]
-    t: Floats
-    average: Floats
-    maximum: Floats
-
-    def __post_init__(self) -> None:
-        shape = (len(self.methods), len(self.curves), len(self.t))
-        for name, values in (("average", self.average), ("maximum", self.maximum)):
-            if values.shape != shape:
-                raise InputError(f"errors: {name} has shape {values.shape}, expected {shape} (methods, curves, times)")
 
 
 @dataclass(frozen=True)
@@ -66,6 +40,8 @@ class CurvePositions:
         Registered positions in head units; NaN in failed poses.
     predictions : dict of (P, N, 3) arrays
         By method.
+    counted : (N,) bool array
+        Points that count in the errors; the others are drawn grey and carry no figure.
     """
 
     names: tuple[str, ...]
@@ -75,9 +51,12 @@ class CurvePositions:
     t: Floats
     truth: Floats
     predictions: Mapping[str, Floats]
+    counted: Booleans
 
     def __post_init__(self) -> None:
         count = len(self.vertices)
+        if len(self.counted) != count:
+            raise InputError(f"curves: {len(self.counted)} marks of counted points for {count} points")
         if len(self.offsets) != len(self.names) + 1 or int(self.offsets[-1]) != count:
             raise InputError(f"curves: offsets do not span {len(self.names)} curves of {count} points")
         expected = (len(self.t), count, 3)
@@ -90,9 +69,9 @@ class CurvePositions:
         return [slice(int(a), int(b)) for a, b in zip(self.offsets[:-1], self.offsets[1:], strict=True)]
 
     def point_errors(self, method: str, diameter: float) -> Floats:
-        """Distance of every predicted point from the true one as a fraction of D, (P, N)."""
+        """Distance of every predicted point from the true one as a fraction of D, (P, N); NaN if it does not count."""
         distance: Floats = np.linalg.norm(self.predictions[method] - self.truth, axis=2) / diameter
-        return distance
+        return np.where(self.counted, distance, np.nan)
 
 
 @dataclass(frozen=True)
@@ -108,6 +87,8 @@ class FaceSequence:
         For drawing only.
     confidence : (P, V) array in [0, 1], or None when poses were given as meshes.
     pose_ok : (P,) bool array
+    used : (V,) bool array
+        Vertices that count in the errors.
     """
 
     t: Floats
@@ -115,6 +96,7 @@ class FaceSequence:
     triangles: Integers
     confidence: Floats | None
     pose_ok: Booleans
+    used: Booleans
 
     def __post_init__(self) -> None:
         if self.vertices.ndim != 3 or self.vertices.shape[2] != 3 or self.vertices.shape[0] != len(self.t):
@@ -145,11 +127,17 @@ class TruthComparison:
     errors_from_truth : ErrorTable or None
         The same errors computed on the true meshes.
     tracking : dict of (P,) arrays
-        Tracking error per pose as fractions of D: ``median``, ``p90``, ``p95``, …
+        Tracking error per pose as fractions of D: ``median``, ``p90``, ``p95``.
+    tracking_rows
+        Rows of ``truth.json``, one per pose, with parts and regions.
+    comparison
+        Content of ``truth_comparison.json``.
     """
 
     errors_from_truth: ErrorTable | None
     tracking: Mapping[str, Floats]
+    tracking_rows: tuple[Mapping[str, Any], ...] = ()
+    comparison: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 CAPTION = (
-    "Paths of single skin points. Left: all curves at t = 0 seen from the side, with the places of the points. "
+    "Left: all curves at t = 0 seen from the side, with the places of the points. "
     "Right, one column per point: its path in the sagittal plane at equal scale; how far it has come along the chord "
     "from its first to its last place (timing); and its distance from that chord, counted positive to the side on "
     "which the true path bends (bend). Of each part of the face the curve point that moves furthest is shown. "
@@ -39,7 +39,7 @@ _PARTS: tuple[tuple[str, frozenset[str]], ...] = (
 _WORTH_DRAWING = 0.005
 """A point that moves less than this fraction of D shows only noise."""
 _LOCAL = 0.4
-"""A curve wider than this fraction of D runs through many parts of the face: its name does not tell where a point is."""
+"""A curve wider than this fraction of D runs through many parts of the face: its name tells no place."""
 
 
 @dataclass(frozen=True)
@@ -70,9 +70,9 @@ class TrackedPoint:
 def choose_points(curves: CurvePositions, diameter: float, count: int = 3) -> list[TrackedPoint]:
     """Choose the points to draw: of each part of the face the curve point that moves furthest.
 
-    Parts are known by the words in the names of short curves (chin or jaw, lip or mouth, lid or eye, …). Parts that do not move
-    are passed over; with fewer moving parts than ``count``, the furthest-moving points that lie at least 0.06
-    D from the chosen ones follow under the name of their curve.
+    Parts are known by the words in the names of short curves (chin or jaw, lip or mouth, lid or eye, …). Parts that
+    do not move are passed over; with fewer moving parts than ``count``, the furthest-moving points that lie at least
+    0.06 D from the chosen ones follow under the name of their curve.
 
     Parameters
     ----------
@@ -235,9 +235,7 @@ def _draw_path(
     axes.set_xlabel("forward  (% of D)")
     axes.grid(True, axis="both")
     place = f"vertex {point.vertex}" if point.label == point.curve else f"{point.curve}, vertex {point.vertex}"
-    axes.text(
-        0.0, 1.02, place, transform=axes.transAxes, fontsize=5.5, color=figure_style.QUIET_COLOUR, va="bottom"
-    )
+    axes.text(0.0, 1.02, place, transform=axes.transAxes, fontsize=5.5, color=figure_style.QUIET_COLOUR, va="bottom")
 
 
 def _draw_timing_and_bend(
@@ -266,7 +264,5 @@ def _draw_timing_and_bend(
         style = styles[method]
         predicted = chord_coordinates(positions[:, point.row], truth)
         for axes, values in zip((timing, bend), predicted, strict=True):
-            axes.plot(
-                curves.t, 100.0 * values / diameter, label=style.label, **figure_style.line_options(style, 2.6)
-            )
+            axes.plot(curves.t, 100.0 * values / diameter, label=style.label, **figure_style.line_options(style, 2.6))
     bend.set_xlabel("t")

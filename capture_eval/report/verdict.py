@@ -22,6 +22,15 @@ class MethodScore:
 
 
 @dataclass(frozen=True)
+class NoiseFloor:
+    """What curves show that do not move, as fractions of D: the mean, and the largest E_A and E_M."""
+
+    mean: float
+    largest_average: float
+    largest_maximum: float
+
+
+@dataclass(frozen=True)
 class Verdict:
     """What the page says first.
 
@@ -45,20 +54,21 @@ class Verdict:
 
 def judge(
     scores: Mapping[str, MethodScore],
-    noise_floor: float | None,
+    noise_floor: NoiseFloor | None,
     failed_poses: Sequence[str] = (),
     pose_count: int = 0,
 ) -> Verdict:
     """Put the outcome in words.
 
-    Two methods whose figures differ by no more than the noise floor count as not resolved.
+    Two methods count as not resolved when their LAE differ by no more than the largest E_A of curves that do not
+    move, or their LME by no more than the largest E_M of those curves.
 
     Parameters
     ----------
     scores
         LAE and LME by method, as fractions of D.
     noise_floor
-        Error of what does not move, as a fraction of D; None when it was not measured.
+        Errors of what does not move; None when they were not measured.
     failed_poses
         Names of poses without a result.
     pose_count
@@ -73,10 +83,12 @@ def judge(
     if not known:
         return Verdict("No method could be evaluated.", (), cautions, False)
     labels = {name: style.label for name, style in figure_style.method_styles(list(known)).items()}
-    floor = noise_floor if noise_floor is not None and math.isfinite(noise_floor) else 0.0
     average = {name: score.largest_average for name, score in known.items()}
     maximum = {name: score.largest_maximum for name, score in known.items()}
-    best_average, best_maximum = _leaders(average, floor), _leaders(maximum, floor)
+    best_average, best_maximum = (
+        _leaders(average, noise_floor.largest_average if noise_floor else 0.0),
+        _leaders(maximum, noise_floor.largest_maximum if noise_floor else 0.0),
+    )
     sentences = (
         _comparison("LAE (largest average error)", average, best_average, labels),
         _comparison("LME (largest maximum error)", maximum, best_maximum, labels),
@@ -144,27 +156,28 @@ def _comparison(figure: str, values: Mapping[str, float], leaders: Sequence[str]
             f"{_join([labels[name] for name in values if name in leaders])} (not resolved)"
         )
     others = [
-        f"{percent(values[name])} for {labels[name]}{_ratio(values[name], best)}"
+        f"{labels[name]} has {percent(values[name])}{_ratio(values[name], best)}"
         for name in values
         if name not in leaders
     ]
-    return f"{start}, against {_join(others)}." if others else f"{start}."
+    return f"{'; '.join([start, *others])}."
 
 
 def _ratio(value: float, best: float) -> str:
     if best <= 0.0 or value / best > 1000.0:
         return ""
-    return f" ({value / best:.2f} times as large)" if value / best < 10.0 else f" ({value / best:.0f} times as large)"
+    return f", {value / best:.2f} times as much" if value / best < 10.0 else f", {value / best:.0f} times as much"
 
 
 def _cautions(
-    unknown: set[str], noise_floor: float | None, failed_poses: Sequence[str], pose_count: int
+    unknown: set[str], noise_floor: NoiseFloor | None, failed_poses: Sequence[str], pose_count: int
 ) -> tuple[str, ...]:
     lines = [ONE_SUBJECT]
-    if noise_floor is not None and math.isfinite(noise_floor):
+    if noise_floor is not None:
         lines.append(
-            f"Noise floor {percent(noise_floor)} of D: curves that do not move show this error. "
-            "It is printed, never subtracted; smaller differences are not resolved."
+            f"Noise floor: curves that do not move show E_A of {percent(noise_floor.mean)} of D on average, "
+            f"{percent(noise_floor.largest_average)} at most, and E_M of {percent(noise_floor.largest_maximum)} at "
+            "most. It is never subtracted; LAE and LME that differ by less than these largest values are not resolved."
         )
     else:
         lines.append("No noise floor was measured: small differences may mean nothing.")

@@ -1,0 +1,308 @@
+"""The report: figures and the page, drawn from what the other stages saved. Nothing is computed again."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..files.atomic import write_bytes, write_text
+from ..report import (
+    error_figures,
+    face_figures,
+    figure_style,
+    interactive,
+    page,
+    page_tables,
+    reconstruction_figures,
+    trajectory_figures,
+)
+from ..report.saved_results import SavedResults
+from . import report_inputs, report_photos
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+logger = logging.getLogger("capture_eval.report")
+
+_LARGE_PICTURE = 200_000  # bytes
+_TOOLS = (
+    "numpy",
+    "scipy",
+    "pycolmap",
+    "pycolmap-cuda12",
+    "opencv-python-headless",
+    "open3d",
+    "pymeshlab",
+    "numba",
+    "matplotlib",
+    "plotly",
+    "snakemake",
+)
+
+Floats = NDArray[np.float64]
+Axis = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class ReportOptions:
+    """How the report is drawn.
+
+    Attributes
+    ----------
+    up, front
+        Axes of the template: upwards, and the way the face looks.
+    turn
+        Degrees that the camera of the face figures stands to the subject's left.
+    front_photo
+        File name of the photo that stands for a pose in the contact sheet; by default the one whose camera looks
+        most squarely at the face.
+    interactive
+        Whether the page has the 3D view (about 5 MB of script).
+    """
+
+    up: Axis = (0.0, 1.0, 0.0)
+    front: Axis = (0.0, 0.0, 1.0)
+    turn: float = 28.0
+    front_photo: str | None = None
+    interactive: bool = True
+
+    def __post_init__(self) -> None:
+        for name in ("up", "front"):
+            if not np.linalg.norm(getattr(self, name)) > 0.0:
+                raise InputError(f"report: {name} is the zero vector")
+        if abs(float(np.dot(self.up, self.front))) > 1e-3 * float(np.linalg.norm(self.up) * np.linalg.norm(self.front)):
+            raise InputError("report: up and front are not at right angles")
+
+    def unit(self, name: str) -> Floats:
+        """``up`` or ``front`` as a unit vector."""
+        vector = np.array(getattr(self, name), dtype=np.float64)
+        return vector / float(np.linalg.norm(vector))
+
+
+def write_report(out: Path, info: Mapping[str, Any], options: ReportOptions | None = None) -> dict[str, Any]:
+    """Draw all figures and the page into ``out/report``.
+
+    Parameters
+    ----------
+    out
+        Folder of the result; ``report/errors.csv``, ``summary.json`` and ``curves.npz`` must be there.
+    info
+        What the page says about the capture: ``name``; ``description``; ``source``; ``poses``, a list of
+        ``{"name", "t", "photos": folder or None}``; ``options``, any values by stage; ``hashes``, SHA-256 by input
+        file; ``terms``, licence and consent. All but ``name`` may be missing.
+    options
+        How it is drawn.
+
+    Returns
+    -------
+    dict
+        ``figures``: names in order; ``page``: size of the page in bytes.
+
+    Raises
+    ------
+    InputError
+        A file of the evaluation is missing or damaged.
+    """
+    options = options or ReportOptions()
+    results = report_inputs.read_results(out, info)
+    pictures: dict[str, page.Picture] = {}
+    for drawing in _drawings(out, info, results, options):
+        logger.info("report: %s", drawing.name)
+        pictures[drawing.name] = _save_figure(out / "report" / "figures", drawing)
+    viewer = None
+    if options.interactive:
+        viewer = interactive.viewer_payload(results, options.unit("up"), options.unit("front"))
+    content = page_tables.page_content(results, info, pictures, viewer, _provenance(out, info))
+    text = page.render_page(content)
+    write_text(out / "report" / "report.html", text)
+    logger.info("report: %s", out / "report" / "report.html")
+    return {"figures": list(pictures), "page": len(text.encode("utf-8"))}
+
+
+@dataclass(frozen=True)
+class _Drawing:
+    name: str
+    title: str
+    caption: str
+    draw: Callable[[], Figure]
+
+
+def _drawings(out: Path, info: Mapping[str, Any], results: SavedResults, options: ReportOptions) -> Sequence[_Drawing]:
+    up, front = options.unit("up"), options.unit("front")
+    floor = page_tables.noise_floor(results.summary)
+    errors, curves, diameter, poses = results.errors, results.curves, results.diameter, results.poses
+    drawings = [
+        _Drawing(
+            "errors_per_curve",
+            "Errors per curve",
+            error_figures.PER_CURVE_CAPTION,
+            lambda: error_figures.errors_per_curve(errors),
+        ),
+        _Drawing(
+            "errors_over_time",
+            "Errors against t",
+            error_figures.OVER_TIME_CAPTION,
+            lambda: error_figures.errors_over_time(errors, None if floor is None else floor.mean),
+        ),
+        _Drawing(
+            "error_maps",
+            "Errors by curve and t",
+            error_figures.ERROR_MAP_CAPTION,
+            lambda: error_figures.error_maps(errors),
+        ),
+    ]
+    points = trajectory_figures.choose_points(curves, diameter)
+    if points:
+        drawings.append(
+            _Drawing(
+                "trajectories",
+                "Paths of skin points",
+                trajectory_figures.CAPTION,
+                lambda: trajectory_figures.trajectories(curves, points, diameter, up, front),
+            )
+        )
+    drawings.extend(_face_drawings(results, options))
+    photos = report_photos.front_photos(out, info.get("poses", ()), options.front_photo, front)
+    if any(photo is not None for photo in photos):
+        drawings.append(
+            _Drawing(
+                "contact_sheet",
+                "Photos",
+                reconstruction_figures.CONTACT_CAPTION,
+                lambda: reconstruction_figures.contact_sheet(poses, photos),
+            )
+        )
+    if any(pose.stages for pose in poses):
+        drawings.append(
+            _Drawing(
+                "reconstruction_quality",
+                "Reconstruction quality",
+                reconstruction_figures.QUALITY_CAPTION,
+                lambda: reconstruction_figures.reconstruction_quality(poses),
+            )
+        )
+    truth = results.truth
+    if truth is not None:
+        drawings.append(
+            _Drawing(
+                "truth_comparison",
+                "Photos against known truth",
+                reconstruction_figures.TRUTH_CAPTION,
+                lambda: reconstruction_figures.truth_comparison(errors, truth, poses),
+            )
+        )
+    return drawings
+
+
+def _face_drawings(results: SavedResults, options: ReportOptions) -> list[_Drawing]:
+    faces = results.faces
+    if faces is None:
+        return []
+    up, front, turn, diameter = options.unit("up"), options.unit("front"), options.turn, results.diameter
+    drawings = [
+        _Drawing(
+            "faces",
+            "Ground truth and methods side by side",
+            face_figures.METHODS_CAPTION,
+            lambda: face_figures.faces_by_method(faces, results.curves, diameter, up, front, turn),
+        ),
+        _Drawing(
+            "linear_heat_maps",
+            "Whole-face error of geometric linear interpolation",
+            face_figures.LINEAR_CAPTION,
+            lambda: face_figures.linear_heat_maps(faces, diameter, up, front, turn),
+        ),
+    ]
+    if faces.confidence is not None:
+        drawings.append(
+            _Drawing(
+                "tracking_confidence",
+                "Tracking confidence",
+                face_figures.CONFIDENCE_CAPTION,
+                lambda: face_figures.confidence_map(faces, up, front),
+            )
+        )
+    return drawings
+
+
+def _save_figure(folder: Path, drawing: _Drawing) -> page.Picture:
+    """Write a figure as PNG and PDF without dates, so that equal results give equal bytes."""
+    with figure_style.paper_style():
+        figure = drawing.draw()
+        picture, document = io.BytesIO(), io.BytesIO()
+        figure.savefig(picture, format="png", metadata={"Software": None})
+        figure.set_layout_engine("none")  # laid out by now; to do it again for the PDF would only cost time
+        figure.savefig(
+            document,
+            format="pdf",
+            metadata={"CreationDate": None, "Creator": None, "Producer": None, "Title": drawing.title},
+        )
+        width, height = (round(length * figure_style.RASTER_DPI) for length in figure.get_size_inches())
+    write_bytes(folder / f"{drawing.name}.png", picture.getvalue())
+    write_bytes(folder / f"{drawing.name}.pdf", document.getvalue())
+    kind, image = _for_page(picture.getvalue())
+    return page.Picture(drawing.name, drawing.title, drawing.caption, image, kind, width, height)
+
+
+def _for_page(png: bytes) -> tuple[str, bytes]:
+    """Take JPEG for figures made of photos and renders, which PNG would make several times as large."""
+    from PIL import Image
+
+    if len(png) < _LARGE_PICTURE:
+        return "png", png
+    stream = io.BytesIO()
+    with Image.open(io.BytesIO(png)) as picture:
+        picture.convert("RGB").save(stream, "JPEG", quality=92, subsampling=0, optimize=True)
+    return ("jpeg", stream.getvalue()) if stream.tell() < 0.7 * len(png) else ("png", png)
+
+
+def _provenance(out: Path, info: Mapping[str, Any]) -> dict[str, Any]:
+    """Collect versions, times and hashes for the page."""
+    from ..files.atomic import read_json
+
+    timings = out / "work" / "timings.json"
+    hashes = dict(info.get("hashes") or {})
+    for name in ("errors.csv", "summary.json", "curves.npz", "registered.npz"):
+        path = out / "report" / name
+        if path.is_file():
+            hashes[f"report/{name}"] = hashlib.sha256(path.read_bytes()).hexdigest()
+    return {
+        "versions": _versions(),
+        "timings": read_json(timings) if timings.is_file() else {},
+        "hashes": hashes,
+    }
+
+
+def _versions() -> list[tuple[str, str]]:
+    import platform
+    from importlib import metadata
+
+    from .. import __version__
+
+    rows = [("capture_eval", __version__), ("Python", platform.python_version()), ("system", platform.platform())]
+    for name in (
+        "numpy",
+        "scipy",
+        "pycolmap",
+        "pycolmap-cuda12",
+        "open3d",
+        "pymeshlab",
+        "numba",
+        "matplotlib",
+        "plotly",
+        "snakemake",
+    ):
+        try:
+            rows.append((name, metadata.version(name)))
+        except metadata.PackageNotFoundError:
+            continue
+    return rows
