@@ -46,37 +46,39 @@ def mutual_matches(
         raise InputError(f"matching: descriptors of shapes {first.shape} and {second.shape} do not compare")
     if len(first) == 0 or len(second) == 0:
         return np.zeros((0, 2), dtype=np.int64)
-    groups = np.arange(len(second)) if second_groups is None else second_groups
-    forward, forward_ok = _best_with_ratio(first, second, groups, ratio)
-    back_groups = np.arange(len(first)) if first_groups is None else first_groups
-    backward, backward_ok = _best_with_ratio(second, first, back_groups, ratio)
-    rows = np.arange(len(first))
-    mutual = back_groups[backward[forward]] == back_groups[rows]
-    keep = forward_ok & backward_ok[forward] & mutual
-    return np.stack([rows[keep], forward[keep]], axis=1).astype(np.int64)
+    groups = np.arange(len(first)) if first_groups is None else first_groups
+    forward = np.zeros(len(first), dtype=np.int64)
+    clear = np.zeros(len(first), dtype=np.bool_)
+    best_value = np.full(len(second), -np.inf, dtype=np.float32)
+    backward = np.zeros(len(second), dtype=np.int64)
+    columns = np.arange(len(second))
+    for start in range(0, len(first), _BLOCK_ROWS):
+        block = first[start : start + _BLOCK_ROWS] @ second.T
+        rows = slice(start, start + len(block))
+        top_row = np.argmax(block, axis=0)
+        top = block[top_row, columns]
+        better = top > best_value
+        best_value[better], backward[better] = top[better], top_row[better] + start
+        forward[rows], clear[rows] = _best_with_ratio(block, second_groups, ratio)
+    mutual = groups[backward[forward]] == groups
+    rows_kept = np.flatnonzero(clear & mutual)
+    return np.stack([rows_kept, forward[rows_kept]], axis=1).astype(np.int64)
 
 
 def _best_with_ratio(
-    queries: NDArray[np.float32], candidates: NDArray[np.float32], groups: NDArray[np.int64], ratio: float
+    similarity: NDArray[np.float32], groups: NDArray[np.int64] | None, ratio: float
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Best candidate per query, and whether it beats the best of any other group."""
-    best = np.zeros(len(queries), dtype=np.int64)
-    clear = np.zeros(len(queries), dtype=np.bool_)
-    distinct = len(np.unique(groups)) == len(groups)
-    for start in range(0, len(queries), _BLOCK_ROWS):
-        block = queries[start : start + _BLOCK_ROWS] @ candidates.T
-        rows = np.arange(len(block))
-        index = np.argmax(block, axis=1)
-        top = block[rows, index].copy()
-        if distinct:
-            block[rows, index] = -1.0
-        else:
-            block[groups[None, :] == groups[index][:, None]] = -1.0
-        runner_up = block.max(axis=1)
-        angles = np.arccos(np.clip(np.stack([top, runner_up]), -1.0, 1.0))
-        best[start : start + len(block)] = index
-        clear[start : start + len(block)] = angles[0] < ratio * angles[1]
-    return best, clear
+    """Best column of each row, and whether it beats the best of any other group; destroys `similarity`."""
+    rows = np.arange(len(similarity))
+    best = np.argmax(similarity, axis=1)
+    top = similarity[rows, best].copy()
+    if groups is None:
+        similarity[rows, best] = -1.0
+    else:
+        similarity[groups[None, :] == groups[best][:, None]] = -1.0
+    runner_up = similarity.max(axis=1)
+    angles = np.arccos(np.clip(np.stack([top, runner_up]), -1.0, 1.0))
+    return best, angles[0] < ratio * angles[1]
 
 
 @dataclass(frozen=True)

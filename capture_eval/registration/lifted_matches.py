@@ -6,7 +6,7 @@ scan of the pose gives the place that it has gone to. Lengths are in the frame i
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,7 +79,7 @@ class LiftingOptions:
     """How matches are made and thinned; angles in degrees, lengths in units of the 300-unit head."""
 
     maximum_angle: float = 25.0
-    pairs_per_view: int = 6
+    pairs_per_view: int = 4
     ratio: float = 0.85
     minimum_cosine: float = 0.25
     voxel: float = 1.2
@@ -161,26 +161,37 @@ def merge_agreeing(
     cells = np.floor(origin / options.voxel).astype(np.int64)
     _, group = np.unique(cells, axis=0, return_inverse=True)
     group = group.ravel()
-    order = np.argsort(group, kind="stable")
-    starts = np.flatnonzero(np.diff(group[order], prepend=-1))
-    keep_rows, targets, weights = [], [], []
-    for block in np.split(order, starts[1:]):
-        if len(block) < options.minimum_agreeing:
-            continue
-        middle = np.median(displacement[block], axis=0)
-        near = block[np.linalg.norm(displacement[block] - middle, axis=1) < options.agreement]
-        if len(near) < options.minimum_agreeing:
-            continue
-        center = near[np.argmin(np.linalg.norm(origin[near] - origin[near].mean(axis=0), axis=1))]
-        keep_rows.append(center)
-        targets.append(origin[center] + displacement[near].mean(axis=0))
-        weights.append(min(1.0, len(near) / 4.0))
-    if not keep_rows:
+    near = np.linalg.norm(displacement - _group_medians(displacement, group)[group], axis=1) < options.agreement
+    count = np.bincount(group, near)
+    near &= count[group] >= options.minimum_agreeing
+    rows = np.flatnonzero(near)
+    if len(rows) == 0:
         return empty_matches()
-    rows = np.array(keep_rows, dtype=np.int64)
-    return MaterialMatches(
-        matches.triangle[rows], matches.barycentric[rows], np.array(targets), 0.5 + 0.5 * np.array(weights)
-    )
+    members = group[rows]
+    off_centre = np.linalg.norm(origin[rows] - _group_means(origin[rows], members)[members], axis=1)
+    order = np.lexsort((rows, off_centre, members))
+    first = np.flatnonzero(np.diff(members[order], prepend=-1))
+    centre = rows[order[first]]
+    mean = _group_means(displacement[rows], members)[group[centre]]
+    weight = 0.5 + 0.5 * np.minimum(1.0, count[group[centre]] / 4.0)
+    return MaterialMatches(matches.triangle[centre], matches.barycentric[centre], origin[centre] + mean, weight)
+
+
+def _group_means(values: Floats, group: Integers) -> Floats:
+    """Mean of the rows (N, 3) of each group; zero for groups without rows."""
+    count = np.maximum(np.bincount(group), 1)
+    return np.stack([np.bincount(group, values[:, axis]) / count for axis in range(3)], axis=1)
+
+
+def _group_medians(values: Floats, group: Integers) -> Floats:
+    """Median per axis of the rows (N, 3) of each group; groups are numbered without gaps."""
+    count = np.bincount(group)
+    start = np.cumsum(count) - count
+    medians = np.empty((len(count), 3))
+    for axis in range(3):
+        ordered = values[np.lexsort((values[:, axis], group)), axis]
+        medians[:, axis] = 0.5 * (ordered[start + (count - 1) // 2] + ordered[start + count // 2])
+    return medians
 
 
 def consistent_with_prediction(
@@ -222,13 +233,3 @@ def near_present_fit(
     """Rows whose target lies within `limit` of where the present fit puts the material point."""
     residual = np.linalg.norm(matches.points(positions, triangles) - matches.target, axis=1)
     return np.asarray(residual < limit, dtype=np.bool_)
-
-
-def feature_arrays(views: Mapping[str, View], features: Mapping[str, tuple[Floats, NDArray[np.float32]]]) -> PosePhotos:
-    """Views and features by name in one fixed order."""
-    names = sorted(views)
-    return PosePhotos(
-        tuple(views[name] for name in names),
-        tuple(features[name][0] for name in names),
-        tuple(features[name][1] for name in names),
-    )
