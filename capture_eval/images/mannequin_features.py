@@ -23,6 +23,8 @@ IntArray = NDArray[np.int64]
 
 MOUTH_HALF_WIDTH = 25.5
 MOUTH_HEIGHT = -66.0
+# the slit between the lips is this much narrower than the lip red, so that the corners do not pinch
+LIP_NARROWING = 0.08
 # eye rings: 4 orbit, 7 crease, 10 outer edge of the lid margin, 11 inner edge, 12.. socket
 EYE_ORBIT, EYE_CREASE, EYE_MARGIN, EYE_MARGIN_INNER = 4, 7, 10, 11
 # mouth rings: 5 border of the lip red, 9 front of the contact, 10 its back, 11.. mouth bag
@@ -155,10 +157,12 @@ def mouth_positions(topology: Topology) -> tuple[FloatArray, NDArray[np.bool_]]:
         front = np.stack([x, contact_y + gap, contact_z], axis=1)
         for ring, fraction in {6: 0.25, 7: 0.52, 8: 0.79, LIP_CONTACT: 1.0}.items():
             point = (1 - fraction) * border + fraction * front
-            point[:, 2] += fullness * roundness * np.sin(np.pi * fraction**1.1) ** 0.9
+            point[:, 0] *= 1 - LIP_NARROWING * fraction
+            point[:, 2] += fullness * roundness * np.sin(np.pi * fraction**1.1) ** 0.9 - fraction * corner
             point[:, 1] += sign * 0.7 * roundness * np.sin(np.pi * fraction) * fraction
             positions[rings[ring][half]] = point
-        _mouth_bag(positions, rings, half, np.stack([x, contact_y, contact_z], axis=1), sign, roundness)
+        back = np.stack([x * (1 - LIP_NARROWING), contact_y, contact_z - corner], axis=1)
+        _mouth_bag(positions, rings, half, back, sign, roundness)
     _close_bag(positions, topology.inner["mouth"], np.array([0.0, 0.0, -4.0]))
     mask = np.zeros(topology.vertex_count, dtype=bool)
     mask[rings[LIP_BORDER:]] = True

@@ -101,9 +101,9 @@ _NOSE = {
     15: ((-31.5, 112.5), (17.0, -32.0, 91.0), 5),
     16: ((-35.5, 113.8), (19.3, -35.5, 91.0), 6),
     17: ((-39.2, 112.5), (19.8, -39.0, 91.0), 6),
-    18: ((-42.5, 109.0), (19.0, -42.5, 90.5), 6),
-    19: ((-44.5, 104.5), (16.8, -45.5, 90.5), 6),
-    20: ((-46.0, 100.0), (14.0, -47.6, 91.0), 6),
+    18: ((-43.2, 107.0), (19.0, -42.5, 90.5), 6),
+    19: ((-45.0, 102.0), (16.8, -45.5, 90.5), 6),
+    20: ((-46.5, 98.8), (14.0, -47.6, 91.0), 6),
     21: ((-48.3, 96.3), (13.2, -49.6, 91.2), 6),
 }
 
@@ -140,8 +140,18 @@ def canonical_positions(topology: Topology) -> FloatArray:
         positions[mirrored], placed[mirrored] = values[mask] * [-1, 1, 1], True
     adjacency = _layout_weights(topology)
     _place_harmonic(topology, adjacency, positions, placed)
-    positions = _relax(topology, adjacency, positions, placed)
+    positions = _relax(topology, adjacency, positions, placed, steps=30)
+    placed[_softened(topology)] = False
+    positions = _relax(topology, adjacency, positions, placed, steps=12)
     return 0.5 * (positions + positions[topology.mirror] * [-1, 1, 1])
+
+
+def _softened(topology: Topology) -> NDArray[np.int64]:
+    """Placed vertices that may give way at the end: the orbits and the roots of the ears."""
+    rings = topology.rings
+    return np.concatenate(
+        [rings[f"{part}_{side}"][ring] for side in ("right", "left") for part, ring in (("eye", 4), ("ear", 0))]
+    )
 
 
 def _place_harmonic(topology: Topology, adjacency: csr_matrix, positions: FloatArray, placed: BoolArray) -> None:
@@ -188,7 +198,7 @@ def _first_angle(topology: Topology) -> FloatArray:
 
 
 def _relax(
-    topology: Topology, adjacency: csr_matrix, positions: FloatArray, placed: BoolArray, steps: int = 30
+    topology: Topology, adjacency: csr_matrix, positions: FloatArray, placed: BoolArray, steps: int
 ) -> FloatArray:
     """Even out the free vertices on the skin; the neck border stays in its plane."""
     degree = np.asarray(adjacency.sum(axis=1)).ravel()[:, None]

@@ -22,7 +22,7 @@ FloatArray = NDArray[np.float64]
 
 MOTIONS = ("jaw_open", "grin", "blink_frown")
 JAW_HINGE = np.array([0.0, -24.0, 16.0])
-JAW_ANGLE = 23.0
+JAW_ANGLE = 22.0
 SMILE_CENTRE = np.array([0.0, -66.0, 46.0])
 BROW_CENTRE = np.array([0.0, 20.0, 0.0])
 
@@ -86,10 +86,10 @@ def jaw_weights(topology: Topology, positions: FloatArray) -> FloatArray:
     folded = np.stack([np.abs(x), y, z], axis=1)
     along = np.clip((folded - start) @ (end - start) / np.sum((end - start) ** 2), 0, 1)
     near = np.linalg.norm(folded - start - along[:, None] * (end - start), axis=1)
-    weights[(near < 24) & (along > 0.30) & (slope < -46) & (slope > -92)] = 1.0
+    weights[(near < 24) & (along > 0.45) & (slope < -46) & (slope > -60)] = 1.0
     weights[(slope > -8) & (slope < 180)] = 0.0
-    weights[(y < -100) & ((z < 32) | (slope < -90))] = 0.0
-    weights[(y < -152) | (z < -22) | (slope > 150) | (slope < -150)] = 0.0
+    weights[(y < -105) & (np.abs(x) < 26) & (z < 26)] = 0.0
+    weights[(y < -152) | (z < -48) | ((z < -22) & (y > -40)) | (slope > 150) | (slope < -150)] = 0.0
     rings = topology.rings["mouth"]
     for half, value in zip(upper_and_lower(6, 14), (0.0, 1.0), strict=True):
         inside = half[2:-2]
@@ -113,10 +113,10 @@ def _fill_harmonic(topology: Topology, weights: FloatArray) -> FloatArray:
     filled[free] = spsolve(matrix.tocsc(), adjacency[free][:, ~free] @ weights[~free])
     # a few rounds of smoothing take the kink at the fixed borders away; what is exactly 0 or 1 in a
     # neighbourhood stays so
-    for _ in range(4):
+    for _ in range(8):
         filled = 0.5 * filled + 0.5 * (adjacency @ filled) / degree
     filled = np.where(filled < 1e-6, 0.0, np.where(filled > 1 - 1e-6, 1.0, filled))
-    return np.asarray(filled * filled * (3 - 2 * filled))
+    return np.asarray(filled)
 
 
 def _smile_turns(topology: Topology, positions: FloatArray) -> tuple[Turn, ...]:

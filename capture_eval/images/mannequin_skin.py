@@ -20,7 +20,7 @@ ByteArray = NDArray[np.uint8]
 CONTRAST = {"normal": 1.0, "weak": 0.4}
 _SKIN = np.array([201.0, 158.0, 136.0])
 _LIP = np.array([168.0, 96.0, 92.0])
-_HAIR = np.array([72.0, 56.0, 46.0])
+_HAIR = np.array([86.0, 69.0, 56.0])
 _INSIDE = np.array([84.0, 34.0, 32.0])
 _HAIRLINE_Z = (-110.0, -62.0, -46.0, -36.0, 2.0, 10.0, 20.0, 32.0, 48.0, 70.0, 110.0)
 _HAIRLINE_Y = (-78.0, -72.0, -50.0, -26.0, -22.0, -14.0, 6.0, 38.0, 60.0, 74.0, 76.0)
@@ -149,7 +149,7 @@ def skin_color(points: SingleArray, masks: SingleArray, contrast: float, seed: i
     pores = gradient_noise(points, 1.3, base + 5) + 0.6 * gradient_noise(points, 0.7, base + 6)
     freckles = spots(points, 6.0, 0.5, (0.7, 1.7), base + 7)
     moles = spots(points, 34.0, 0.3, (1.2, 2.4), base + 8)
-    light = contrast * (6.0 * blotch + 7.0 * mottle + 9.0 * grain + 9.0 * pores)
+    light = contrast * (6.0 * blotch + 7.5 * mottle + 10.0 * grain + 10.0 * pores)
     redness = contrast * 9.0 * blotch + 10.0 * _flush(points)
     color = np.empty((len(points), 3), dtype=np.float32)
     for channel, (tint, spot) in enumerate(((0.35, 26.0), (-0.85, 34.0), (-0.55, 34.0))):
@@ -214,7 +214,7 @@ def _paint_hair(
     cover = np.maximum(cover, dense * (0.42 + 0.5 * _smooth_step(-0.45, 0.25, brow_strand + 0.7 * dense - 0.4)))
     dots = spots(there, 1.7, 0.7, (0.30, 0.55), base + 37)
     cover = np.maximum(cover, beard[hairy] * (0.09 + contrast * 0.34 * dots))
-    shade = _HAIR.astype(np.float32) + (contrast * (30.0 * strand + 22.0 * lock))[:, None]
+    shade = _HAIR.astype(np.float32) + (contrast * (44.0 * strand + 26.0 * lock))[:, None]
     color[hairy] += cover[:, None] * (shade - color[hairy])
 
 
