@@ -36,7 +36,7 @@ class SynthesizeOptions:
     distortion
         k1, k2, p1, p2 of the lens.
     texture_size
-        Side of the skin texture; None means 2048, or 4096 for pictures wider than 960 pixels.
+        Side of the skin texture; None means 2048, or 3072 for pictures wider than 960 pixels.
     landmark_noise
         Pixels.
     template_scale, template_turn
@@ -106,4 +106,4 @@ class SynthesizeOptions:
         """Side of the skin texture in texels."""
         if self.texture_size is not None:
             return self.texture_size
-        return 4096 if max(self.width, self.height) > 960 else 2048
+        return 3072 if max(self.width, self.height) > 960 else 2048
