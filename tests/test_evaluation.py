@@ -16,15 +16,17 @@ from capture_eval.curves.extract import Curve, CurveSet, extract_curves, resolve
 from capture_eval.errors import InputError
 from capture_eval.evaluation.error_table import ErrorTable, check_pose_times, evaluate_curves
 from capture_eval.evaluation.metrics import average_and_maximum, point_errors
+from capture_eval.evaluation.oracles import ORACLES, best_shared_timing, evaluate_oracles, nearest_on_chord
 from capture_eval.evaluation.summary import largest_errors, summarise
 from capture_eval.evaluation.timing_path import split_timing_and_path
 from capture_eval.evaluation.truth_comparison import compare_with_truth
-from capture_eval.files.atomic import read_npz, write_npz
+from capture_eval.files.atomic import read_npz, write_json, write_npz
 from capture_eval.files.curve_files import read_curves
 from capture_eval.files.mesh_files import read_mesh, write_mesh
 from capture_eval.interpolation.dynamic_pde import DynamicPde
 from capture_eval.interpolation.methods import create_method, create_methods
 from capture_eval.polygon_mesh import PolygonMesh
+from capture_eval.report.tables import lme_lae_table, to_markdown
 from capture_eval.stages.evaluate import EvaluateOptions, evaluate_capture, evaluate_meshes, evaluate_truth
 from capture_eval.triangle_geometry import diameter
 
@@ -156,6 +158,55 @@ def test_summary_ratios_and_parts() -> None:
     assert summary["methods"]["pde_linear"]["LAE_ratio_to_linear"] == 1.0
 
 
+def test_oracles_bound_every_straight_method_and_find_the_timing() -> None:
+    """On straight paths walked as t² the shared oracle is exact; on bent ones it beats each straight method in RMS."""
+    rng = np.random.default_rng(5)
+    start, step = rng.normal(size=(2, 10, 3))
+    straight = square_curves(start + (T**2)[:, None, None] * step)
+    counted = tuple(np.ones(len(curve.vertices), dtype=bool) for curve in straight.curves)
+    found = evaluate_oracles(straight, T, 1.0, counted)
+    np.testing.assert_allclose(found.best_timing, T[1:-1] ** 2, atol=1e-14)
+    assert found.table.maximum.max() < 1e-14
+
+    curves = square_curves(moving_points(8))
+    best = best_shared_timing(curves, counted)
+
+    def squares(share: np.ndarray) -> float:
+        chords = [p[0] + share[:, None, None] * (p[-1] - p[0]) - p[1:-1] for p in curves.positions]
+        return sum(float((chord**2).sum()) for chord in chords)
+
+    assert squares(best) <= min(squares(T[1:-1] ** p) for p in (1, 2, 3))
+    nearest = [np.linalg.norm(nearest_on_chord(p) - p[1:-1], axis=2) for p in curves.positions]
+    for p, near in zip(curves.positions, nearest, strict=True):
+        for share in np.linspace(0, 1, 21):
+            other = np.linalg.norm(p[0] + share * (p[-1] - p[0]) - p[1:-1], axis=2)
+            assert (near <= other + 1e-15).all()
+
+
+def test_best_timing_never_runs_backwards_and_survives_missing_poses() -> None:
+    start, step = np.random.default_rng(2).normal(size=(2, 10, 3))
+    share = np.array([0.0, 0.6, 0.4, 0.7, 1.0])
+    vertices = start + share[:, None, None] * step
+    vertices[3] = np.nan
+    curves = square_curves(vertices)
+    counted = tuple(np.ones(len(curve.vertices), dtype=bool) for curve in curves.curves)
+    np.testing.assert_allclose(best_shared_timing(curves, counted), [0.5, 0.5, np.nan], atol=1e-14)
+    still = square_curves(np.repeat(start[None], 5, axis=0))
+    table = evaluate_oracles(still, T, 1.0, counted).table
+    assert table.maximum.max() == 0.0
+
+
+def test_summary_keeps_oracles_apart() -> None:
+    curves, methods = square_curves(moving_points(3)), create_methods(METHODS)
+    summary = summarise(evaluate_curves(curves, T, methods, 2.0), curves, methods, 2.0, np.ones(5, dtype=bool), "all")
+    assert set(summary["methods"]) == {name for name, _ in METHODS}
+    assert set(summary["oracles"]) == set(ORACLES)
+    assert all(row["title"].startswith("oracle: ") for row in summary["oracles"].values())
+    assert [row["t"] for row in summary["best_timing"]] == [0.25, 0.5, 0.75]
+    text = to_markdown(lme_lae_table(summary))
+    assert "oracle: straight paths, best timing shared" in text
+
+
 def test_noise_floor_comes_from_resting_curves() -> None:
     """Isotropic noise σ on all poses: E_A at rest is √(8/π)·σ·√(1 + (1−t)² + t²) on average."""
     rng = np.random.default_rng(1)
@@ -272,7 +323,11 @@ def read_rows(path: Path) -> list[dict[str, str]]:
 
 
 def test_stage_writes_everything_and_repeats_byte_for_byte(capture: Path) -> None:
+    for number in range(2):
+        write_json(capture / f"work/pose_{number}/sparse.json", {"status": "ok", "photos": 12, "registered": 11})
     summary = run(capture)
+    assert summary["counts"]["photos"] == 24  # type: ignore[index]
+    assert summary["counts"]["photos_registered"] == 22  # type: ignore[index]
     run(capture, "again")
     names = sorted(path.name for path in (capture / "report").iterdir())
     assert names == sorted(

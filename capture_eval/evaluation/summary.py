@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from capture_eval.curves.extract import CurveSet
 from capture_eval.evaluation.error_table import ErrorTable, Evaluation
 from capture_eval.evaluation.metrics import METRICS_VERSION, average_and_maximum, point_errors
+from capture_eval.evaluation.oracles import ORACLES, evaluate_oracles
 from capture_eval.evaluation.timing_path import split_timing_and_path
 from capture_eval.interpolation.linear import LinearInterpolation
 from capture_eval.interpolation.method import InterpolationMethod
@@ -69,7 +70,8 @@ def summarise(
     """
     table = evaluation.table
     rows = {name: _method_row(evaluation, curves, name, method, diameter) for name, method in methods.items()}
-    _add_ratios(rows)
+    oracles, best_timing = _oracle_rows(evaluation, curves, diameter)
+    _add_ratios(rows, rows | oracles)
     noise = _noise_floor(evaluation, curves, diameter)
     used: NDArray[np.bool_] = np.any(table.n_points > 0, axis=1)
     return {
@@ -79,6 +81,8 @@ def summarise(
         "unit_of_errors": "fraction of D",
         "evaluation_vertices": evaluation_vertices,
         "methods": rows,
+        "oracles": oracles,
+        "best_timing": best_timing,
         "noise_floor": noise["mean_E_A"],
         "noise": noise,
         "counts": {
@@ -140,9 +144,37 @@ def _root_mean_squares(evaluation: Evaluation, curves: CurveSet, name: str, diam
     return {"rms": sum(means) ** 0.5, "rms_timing": means[0] ** 0.5, "rms_path": means[1] ** 0.5}
 
 
-def _add_ratios(rows: dict[str, dict[str, Any]]) -> None:
+def _oracle_rows(
+    evaluation: Evaluation, curves: CurveSet, diameter: float
+) -> tuple[dict[str, dict[str, Any]], list[dict[str, float | None]]]:
+    """Bounds computed from the truth: what is left when timing is perfect. They are no methods and have no rank."""
+    times = np.concatenate([[0.0], evaluation.table.t, [1.0]])
+    found = evaluate_oracles(curves, times, diameter, evaluation.counted)
+    titles = {
+        ORACLES[0]: "oracle: straight paths, best timing shared by all points",
+        ORACLES[1]: "oracle: straight paths, best timing of every point",
+    }
+    rows = {
+        name: {
+            "title": titles[name],
+            **largest_errors(found.table, name),
+            "LME_ratio_to_linear": None,
+            "LAE_ratio_to_linear": None,
+            "mean_E_M": _mean(found.table.maximum[k]),
+            "mean_E_A": _mean(found.table.average[k]),
+        }
+        for k, name in enumerate(ORACLES)
+    }
+    best = [
+        {"t": float(t), "share": float(share) if np.isfinite(share) else None}
+        for t, share in zip(found.table.t.tolist(), found.best_timing.tolist(), strict=True)
+    ]
+    return rows, best
+
+
+def _add_ratios(methods: dict[str, dict[str, Any]], rows: dict[str, dict[str, Any]]) -> None:
     """Error over the error of geometric linear: below 1 is better (paper 003 states the reciprocal)."""
-    base = rows.get("linear")
+    base = methods.get("linear")
     for row in rows.values():
         for key in ("LME", "LAE"):
             if base is not None and base[key] and row[key] is not None:

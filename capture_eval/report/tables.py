@@ -116,20 +116,23 @@ def _escape(text: str) -> str:
 def lme_lae_table(summary: Mapping[str, Any]) -> Table:
     """LME and LAE of every method, where they occur, and their size relative to geometric linear.
 
+    The oracles come last under their titles: bounds computed from the truth, not methods.
+
     Parameters
     ----------
     summary : mapping
         Content of ``summary.json``.
     """
     rows = []
-    for name, row in summary["methods"].items():
+    bounds = {row["title"]: row for row in summary.get("oracles", {}).values()}
+    for name, row in {**summary["methods"], **bounds}.items():
         cells: list[Cell] = [name]
         for key in ("LME", "LAE"):
             cells.append(_percent(row[key]))
             cells.append(row[f"{key}_curve"])
             cells.append(_moment(row[f"{key}_t"]))
             cells.append(row[f"{key}_ratio_to_linear"])
-        rows.append((*cells, _percent(row["rms_timing"]), _percent(row["rms_path"])))
+        rows.append((*cells, _percent(row.get("rms_timing")), _percent(row.get("rms_path"))))
     header: tuple[str, ...] = ("method",)
     for key in ("LME", "LAE"):
         header += (f"{key} (% D)", f"{key} curve", f"{key} t", f"{key} / linear")

@@ -17,7 +17,7 @@ from capture_eval.errors import InputError
 from capture_eval.evaluation.error_table import ErrorTable, Evaluation, check_pose_times, evaluate_curves
 from capture_eval.evaluation.summary import summarise
 from capture_eval.evaluation.truth_comparison import compare_with_truth
-from capture_eval.files.atomic import read_npz, write_json, write_npz, write_text
+from capture_eval.files.atomic import read_json, read_npz, write_json, write_npz, write_text
 from capture_eval.files.curve_files import read_curves
 from capture_eval.files.mesh_files import read_mesh
 from capture_eval.interpolation.method import InterpolationMethod
@@ -100,7 +100,8 @@ def evaluate_capture(
     mesh = _template_of(template, poses)
     found = _resolve(curves, mesh)
     counted = _counted_vertices(poses, options)
-    return _evaluate_and_save(poses, mesh, found, methods, counted, options.evaluation_vertices, Path(report))
+    photos = _count_photos(Path(work))
+    return _evaluate_and_save(poses, mesh, found, methods, counted, options.evaluation_vertices, Path(report), photos)
 
 
 def evaluate_meshes(
@@ -259,10 +260,12 @@ def _evaluate_and_save(
     counted: Booleans,
     which: str,
     report: Path,
+    photos: Mapping[str, int | None] | None = None,
 ) -> dict[str, Any]:
     created = create_methods(methods)
     evaluation, extracted, size = _evaluate(poses, curves, created, counted)
     summary = summarise(evaluation, extracted, created, size, poses.ok, which)
+    summary["counts"] |= photos or {"photos": None, "photos_registered": None}
     _log(summary)
     _save_poses(report / "registered.npz", poses, mesh, counted)
     _save_curves(report / "curves.npz", poses, extracted, evaluation)
@@ -270,6 +273,15 @@ def _evaluate_and_save(
     write_text(report / "errors.csv", errors_csv(evaluation.table.rows()))
     write_json(report / "summary.json", summary)
     return summary
+
+
+def _count_photos(work: Path) -> dict[str, int | None]:
+    """Photos of all poses and how many the sparse stage placed; None when the poses were not made from photos."""
+    found = [read_json(path) for path in sorted(work.glob("*/sparse.json"))]
+    if not found:
+        return {"photos": None, "photos_registered": None}
+    names = {"photos": "photos", "photos_registered": "registered"}
+    return {key: sum(int(one.get(name) or 0) for one in found) for key, name in names.items()}
 
 
 def _log(summary: Mapping[str, Any]) -> None:
