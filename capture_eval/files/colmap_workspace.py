@@ -74,8 +74,8 @@ def read_workspace(folder: Path) -> DenseWorkspace:
     return DenseWorkspace(folder=folder, views=views, points=model.points, visible=visible)
 
 
-def read_grey(path: Path, view: View) -> Singles:
-    """Grey values (H, W), 0 to 255: the mean of the channels, whose noise is lower than that of the luminance.
+def read_colours(path: Path, view: View) -> NDArray[np.uint8]:
+    """Colours (H, W, 3) of a photo.
 
     Raises
     ------
@@ -86,11 +86,11 @@ def read_grey(path: Path, view: View) -> Singles:
 
     try:
         with Image.open(path) as image:
-            pixels = np.asarray(image.convert("RGB"), dtype=np.float32)
+            pixels = np.asarray(image.convert("RGB"), dtype=np.uint8)
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read as an image ({error})") from error
     _check_size(path, pixels.shape[:2], view)
-    return np.asarray(pixels.mean(axis=2), dtype=np.float32)
+    return pixels
 
 
 def read_mask(path: Path, view: View) -> NDArray[np.bool_]:

@@ -53,6 +53,10 @@ class PatchMatchOptions:
         Most sources used per pixel by the sub-pixel refinement.
     coarse_passes, fine_passes : int
         Red-black sweeps at the coarsest and at each finer level.
+    minimum_likeness : float
+        NCC below which a pixel of a coarse level is not carried on.
+    variance_floor : float
+        Added to the variance of a patch, grey levels squared, so that flat patches look unlike each other.
     seed : int
         Random numbers are a function of it, the level, the sweep and the pixel only.
     threads : int
@@ -60,14 +64,14 @@ class PatchMatchOptions:
     """
 
     levels: int = 0
-    window: int = 5
+    window: int = 4
     colour_sigma: float = 20.0
     views_per_pixel: int = 3
     refining_views: int = 6
     coarse_passes: int = 5
     fine_passes: int = 2
     minimum_likeness: float = 0.3
-    noise: float = 1.0
+    variance_floor: float = 0.25
     seed: int = 0
     threads: int = 1
 
@@ -243,7 +247,7 @@ def sampling_pattern(window: int, stride: int, options: PatchMatchOptions) -> "P
         index=(y * stride + x).astype(np.int32),
         radius=np.float32(window),
         colour_scale=np.float32(1.0 / options.colour_sigma**2),
-        noise=np.float32(options.noise),
+        noise=np.float32(options.variance_floor),
     )
 
 
@@ -289,16 +293,6 @@ class _State:
     planes: Singles
     costs: Singles
     chosen: NDArray[np.uint8]
-
-
-def _texture_gate(grey: Singles, noise_deviation: float, window: int) -> NDArray[np.bool_]:
-    """Where a patch varies more than sensor noise would make it."""
-    import cv2
-
-    size = (2 * window + 1, 2 * window + 1)
-    mean = cv2.blur(grey, size)
-    variance = cv2.blur(grey * grey, size) - mean * mean
-    return np.asarray(variance > noise_deviation**2)
 
 
 def _search_level(
@@ -366,10 +360,10 @@ def match_view(
     state: _State | None = None
     for level in reversed(range(len(reference.levels))):
         layer = reference.levels[level]
-        gate = _texture_gate(layer.grey, 0.7 * options.noise, options.window)
-        active = layer.active.astype(np.bool_) & gate
+        packed = _pack_reference(layer, layer.active.copy())
+        active = layer.active.astype(np.bool_)
         state = _start_level(state, active, min(options.views_per_pixel, len(sources)), options)
-        packed = _pack_reference(layer, np.ascontiguousarray(active.astype(np.uint8)))
+        packed.active[...] = active
         maps = _pack_sources(reference, sources, level)
         middle = np.array([layer.grey.shape[1], layer.grey.shape[0]]) / 2.0
         pixels = disparity_per_inverse_depth(maps.maps.astype(np.float64), middle, float(np.mean(inverse_range)))

@@ -423,3 +423,30 @@ def refine_rows(rows, scratch, reference, pattern, sources, planes, costs, steps
             costs[v, u] = current / np.float32(count)
             quality[v, u, 1] = _ONE - current / np.float32(count)
             quality[v, u, 2] = curvature / np.float32(count)
+
+
+@_jit
+def plainness_rows(rows, scratch, padded, stride, pad, centre, radius, reach, variance):
+    """Grey variance among the pixels around a pixel that look like it (biweight of width `reach`).
+
+    What lies beyond an outline does not count, so a plain backdrop stays plain right up to it.
+    """
+    height, width = centre.shape
+    inverse = _ONE / (reach * reach)
+    for v in range(rows[0], rows[1]):
+        for u in range(width):
+            middle = centre[v, u]
+            total = _ZERO
+            first = _ZERO
+            second = _ZERO
+            for dy in range(-radius, radius + 1):
+                base = np.uint32((v + dy + pad) * stride + u + pad - radius)
+                for k in range(np.uint32(2 * radius + 1)):
+                    value = padded[np.uint32(base + np.uint32(k))] - middle
+                    weight = max(_ONE - value * value * inverse, _ZERO)
+                    weight *= weight
+                    total += weight
+                    first += weight * value
+                    second += weight * value * value
+            mean = first / total
+            variance[v, u] = second / total - mean * mean

@@ -42,7 +42,7 @@ class SurfaceOptions:
     """
 
     depth: int = 0
-    cells_per_spacing: float = 2.0
+    cells_per_spacing: float = 3.2
     lone_neighbours: int = 16
     lone_ratio: float = 2.0
     trim: float = 0.009

@@ -24,7 +24,7 @@ from capture_eval.files.atomic import read_json, write_json
 from capture_eval.files.colmap_workspace import (
     DenseWorkspace,
     map_path,
-    read_grey,
+    read_colours,
     read_map,
     read_mask,
     read_workspace,
@@ -33,6 +33,7 @@ from capture_eval.files.colmap_workspace import (
 )
 from capture_eval.files.point_cloud_files import read_point_cloud, write_point_cloud
 from capture_eval.reconstruction.depth_filtering import DepthMap, FilterOptions, make_consistent, points_of_depth
+from capture_eval.reconstruction.foreground_mask import textured_region
 from capture_eval.reconstruction.patch_match import (
     PatchMatchOptions,
     Pyramid,
@@ -231,8 +232,12 @@ class _Photos:
 
     def _load(self, index: int) -> Pyramid:
         view = self._workspace.views[index]
-        grey = read_grey(self._workspace.image_path(index), view)
-        mask = _mask(self._options.masks, self._workspace, index)
+        colours = read_colours(self._workspace.image_path(index), view)
+        # The mean of the channels has less noise than the luminance.
+        grey = np.asarray(colours.mean(axis=2), dtype=np.float32)
+        mask = textured_region(colours, self._options.stereo.window)
+        given = _mask(self._options.masks, self._workspace, index)
+        mask = mask if given is None else mask & given
         stereo_view = StereoView(view.name, grey, view.intrinsics.matrix, view.rotation, view.translation, mask)
         return build_pyramid(stereo_view, self.levels)
 
