@@ -231,3 +231,59 @@ def test_harmonics_beyond_the_points_are_refused() -> None:
         method.predict(*curve(1, 9), True, TIMES)
     with pytest.raises(InputError, match="5 harmonics on an open curve of 6 points, which holds 4"):
         method.predict(*curve(1, 6), False, TIMES)
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    seed=st.integers(0, 10**6),
+    degrees=st.floats(1, 170),
+    t=st.floats(0.05, 0.95),
+    order=st.integers(1, 4),
+    damping=st.floats(0, 1e4),
+)
+def test_no_warp_per_harmonic_follows_a_rotation(
+    seed: int, degrees: float, t: float, order: int, damping: float
+) -> None:
+    """A rigid rotation by θ about the centre: for every scalar warp per harmonic the RMS error is at least
+    2 sin(θt/2) sin(θ(1 − t)/2) times the RMS distance from the axis, because chord and true displacement differ by a
+    rotation by θ(1 − t)/2."""
+    theta = math.radians(degrees)
+    start, _ = curve(seed, 32)
+    radius = math.sqrt(float((start[:, :2] ** 2).sum(axis=1).mean()))
+
+    def turned(angle: float) -> np.ndarray:
+        c, s = math.cos(angle), math.sin(angle)
+        return start @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]).T
+
+    bound = 2 * math.sin(theta * t / 2) * math.sin(theta * (1 - t) / 2) * radius
+    truth, end = turned(theta * t), turned(theta)
+    try:
+        found = DynamicPde(order, damping=damping).predict(start, end, True, [t])[0]
+    except SolverError:
+        assume(False)
+    error = math.sqrt(float(((found - truth) ** 2).sum(axis=1).mean()))
+    assert error >= bound * (1 - 1e-9) - 1e-12
+    share = math.sin(theta * t / 2) * math.cos(theta * (1 - t) / 2) / math.sin(theta / 2)
+    best = start + share * (end - start)
+    attained = math.sqrt(float(((best - truth) ** 2).sum(axis=1).mean()))
+    assert attained == pytest.approx(bound, rel=1e-9, abs=1e-12)
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10**6), order=st.integers(1, 5), damping=st.floats(0, 1e4), mass=st.floats(0, 1e3))
+def test_no_parameters_beat_a_free_warp_of_every_harmonic(seed: int, order: int, damping: float, mass: float) -> None:
+    """The best real factor of each harmonic, by Parseval, bounds the RMS error of every such PDE from below."""
+    rng = np.random.default_rng(seed)
+    start, end = curve(seed, 24)
+    truth = start + rng.normal(size=(24, 3)) * 0.3 + 0.4 * (end - start)
+    modes, goal = np.fft.fft(end - start, axis=0), np.fft.fft(truth - start, axis=0)
+    overlap = (np.conj(modes) * goal).real.sum(axis=1)
+    pairs = overlap + np.roll(overlap[::-1], 1)  # n and −n share one warp
+    size = (np.abs(modes) ** 2).sum(axis=1)
+    free = pairs / np.maximum(size + np.roll(size[::-1], 1), 1e-300)
+    bound = float((np.abs(goal - free[:, None] * modes) ** 2).sum()) / 24
+    try:
+        found = DynamicPde(order, mass=mass, damping=damping).predict(start, end, True, [0.5])[0]
+    except SolverError:
+        assume(False)
+    assert float(((found - truth) ** 2).sum()) >= bound * (1 - 1e-9)
