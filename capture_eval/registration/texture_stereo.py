@@ -252,6 +252,8 @@ def _add_view(
     weights.reshape(-1)[places] = vote[chosen]
     known = (weights > 0).astype(np.float32)
     share = np.maximum(cv2.GaussianBlur(known, (0, 0), options.high_pass_sigma), 1e-6)
+    # Beside the border of what this view sees the mean is one-sided and would vote for a false offset.
+    weights *= np.clip(2.0 * share - 1.0, 0.0, 1.0)
     sampled = np.zeros((len(offsets), height * width), dtype=np.float32)
     texture_kernels.sample_offsets(camera_numbers(view), photo, points, normals, chosen, places, offsets, sampled)
     box = (slice(top, top + height), slice(left, left + width))

@@ -46,7 +46,7 @@ def accumulate_to_vertices(
             f"constraints: {triangle.shape} triangles, {barycentric.shape} barycentric weights, {values.shape} values"
         )
     corners = triangles[triangle].ravel()
-    columns = values.reshape(len(triangle), -1)
+    columns = values.reshape(len(triangle), int(np.prod(values.shape[1:])))
     sums = np.empty((vertex_count, columns.shape[1]))
     for index in range(columns.shape[1]):
         shared = (barycentric * columns[:, index, None]).ravel()
