@@ -24,7 +24,7 @@ _SECTIONS: tuple[tuple[str, str, str, tuple[str, ...]], ...] = (
     (
         "truth",
         "Against known truth",
-        "This capture is synthetic, so the true meshes are known. They judge the result and are never an input.",
+        "The true meshes of this capture are known. They judge the result and are never an input.",
         ("truth_comparison",),
     ),
     ("capture", "Capture and reconstruction", "", ("contact_sheet", "reconstruction_quality", "tracking_confidence")),
@@ -178,18 +178,22 @@ def truth_tables(truth: TruthComparison) -> list[tuple[str, Table, bool]]:
 
 
 def _tracking_table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    keys = ("median", "p90", "p95", "tangential_median", "normal_median", "surface_median", "surface_p95")
-    columns = ("pose", "t", "median", "p90", "p95", "tangential, median", "normal, median", "surface, median", "p95")
+    titles = {
+        "median": "median",
+        "p90": "p90",
+        "p95": "p95",
+        "tangential_median": "along the skin, median",
+        "normal_median": "across, median",
+        "surface_median": "to the surface, median",
+        "surface_p95": "to the surface, p95",
+    }
+    keys = [key for key in titles if any(math.isfinite(_number(row.get(key))) for row in rows)]
     texts = [
-        [
-            str(row.get("pose", "")),
-            _plain(row.get("t"), 3),
-            *(_percent_plain(_number(row.get(key))) for key in keys),
-        ]
+        [str(row.get("pose", "")), _plain(row.get("t"), 3), *(_percent_plain(_number(row.get(key))) for key in keys)]
         for row in rows
     ]
     marks = ["failed" if row.get("status", "ok") == "failed" else "" for row in rows]
-    return Table(columns, texts, marks)
+    return Table(["pose", "t", *(titles[key] for key in keys)], texts, marks)
 
 
 def _region_table(rows: Sequence[Mapping[str, Any]]) -> Table:

@@ -193,7 +193,7 @@ def _cautions(
 
 def percent(fraction: float, digits: int = 3) -> str:
     """Format a fraction of D as per cent with a fixed number of decimals; an em dash when there is no value."""
-    return f"{100.0 * fraction:.{digits}f} %" if math.isfinite(fraction) else "—"
+    return f"{100.0 * fraction:.{digits}f}\N{NO-BREAK SPACE}%" if math.isfinite(fraction) else "—"
 
 
 def _join(parts: Sequence[str]) -> str:

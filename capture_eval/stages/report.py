@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -136,10 +136,17 @@ class _Drawing:
     draw: Callable[[], Figure]
 
 
-def _drawings(out: Path, info: Mapping[str, Any], results: SavedResults, options: ReportOptions) -> Sequence[_Drawing]:
-    up, front = options.unit("up"), options.unit("front")
+def _drawings(out: Path, info: Mapping[str, Any], results: SavedResults, options: ReportOptions) -> list[_Drawing]:
+    return [
+        *_error_drawings(results, options),
+        *_face_drawings(results, options),
+        *_capture_drawings(out, info, results, options),
+    ]
+
+
+def _error_drawings(results: SavedResults, options: ReportOptions) -> list[_Drawing]:
     floor = page_tables.noise_floor(results.summary)
-    errors, curves, diameter, poses = results.errors, results.curves, results.diameter, results.poses
+    errors, curves, diameter = results.errors, results.curves, results.diameter
     drawings = [
         _Drawing(
             "errors_per_curve",
@@ -162,6 +169,7 @@ def _drawings(out: Path, info: Mapping[str, Any], results: SavedResults, options
     ]
     points = trajectory_figures.choose_points(curves, diameter)
     if points:
+        up, front = options.unit("up"), options.unit("front")
         drawings.append(
             _Drawing(
                 "trajectories",
@@ -170,8 +178,14 @@ def _drawings(out: Path, info: Mapping[str, Any], results: SavedResults, options
                 lambda: trajectory_figures.trajectories(curves, points, diameter, up, front),
             )
         )
-    drawings.extend(_face_drawings(results, options))
-    photos = report_photos.front_photos(out, info.get("poses", ()), options.front_photo, front)
+    return drawings
+
+
+def _capture_drawings(
+    out: Path, info: Mapping[str, Any], results: SavedResults, options: ReportOptions
+) -> list[_Drawing]:
+    poses, truth, drawings = results.poses, results.truth, []
+    photos = report_photos.front_photos(out, info.get("poses", ()), options.front_photo, options.unit("front"))
     if any(photo is not None for photo in photos):
         drawings.append(
             _Drawing(
@@ -190,14 +204,13 @@ def _drawings(out: Path, info: Mapping[str, Any], results: SavedResults, options
                 lambda: reconstruction_figures.reconstruction_quality(poses),
             )
         )
-    truth = results.truth
     if truth is not None:
         drawings.append(
             _Drawing(
                 "truth_comparison",
                 "Photos against known truth",
                 reconstruction_figures.TRUTH_CAPTION,
-                lambda: reconstruction_figures.truth_comparison(errors, truth, poses),
+                lambda: reconstruction_figures.truth_comparison(results.errors, truth, poses),
             )
         )
     return drawings
