@@ -222,12 +222,15 @@ def ear_positions(topology: Topology) -> tuple[FloatArray, NDArray[np.bool_]]:
     lobe = np.exp(-(((np.mod(angle, 2 * np.pi) - 1.02 * np.pi) / 0.62) ** 2))
     tragus = np.exp(-(((np.mod(angle, 2 * np.pi) - 1.50 * np.pi) / 0.30) ** 2))
     rear = np.clip(back + 0.3, 0.0, 1.0)
+    front = np.clip((-back - 0.15) / 0.6, 0.0, 1.0)
+    front = front * front * (3 - 2 * front)
     for ring, (wide, high, lift, shift) in enumerate(_EAR_PROFILE):
-        width = wide * (1 + 0.16 * up - 0.05 * np.abs(up) ** 3)
-        u, w = width * back + shift, high * up - 0.05 * high
+        # in front the pinna grows out of the cheek: there the rings only go inwards, without an overhang
+        width = (1 - front) * wide * (1 + 0.16 * up - 0.05 * np.abs(up) ** 3) + front * (11.0 - 0.65 * ring)
+        u, w = width * back + (1 - front) * shift, high * up - 0.05 * high
         z = -19 - (np.cos(_EAR_TILT) * u + np.sin(_EAR_TILT) * w)
         y = -9 + np.cos(_EAR_TILT) * w - np.sin(_EAR_TILT) * u
-        rise = lift * np.maximum(stand, 0.6 * lobe)
+        rise = np.maximum(lift * np.maximum(stand, 0.6 * lobe), front * 0.18 * lift)
         if ring in (6, 7):
             rise = (1 - lobe) * rise + lobe * 0.6 * 15.0
         if ring == 8:

@@ -193,9 +193,7 @@ def _paint_lips(color: SingleArray, points: SingleArray, mask: SingleArray, cont
     color[inside] += edge * (target - color[inside])
 
 
-def _paint_hair(
-    color: SingleArray, points: SingleArray, masks: SingleArray, contrast: float, base: int
-) -> None:
+def _paint_hair(color: SingleArray, points: SingleArray, masks: SingleArray, contrast: float, base: int) -> None:
     """Cropped hair on the scalp, eyebrows and a shade of beard (in place)."""
     from capture_eval.images.solid_noise import gradient_noise, spots
 
