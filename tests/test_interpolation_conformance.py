@@ -23,6 +23,8 @@ TABLE = {
     "closure ebar0": DynamicPde(order=2, mass=0.01, closure="ebar0"),
     "closure rest": DynamicPde(order=3, mass=0.01, closure="rest"),
     "closure minforce": DynamicPde(order=2, closure="minforce"),
+    "monotone late": create_method("monotone", {"times": [0.3, 0.6], "shares": [0.1, 0.2]}),
+    "beta 3 1": create_method("beta", {"rise": 3.0, "settle": 1.0}),
     "power 1.6": create_method("power", {"exponent": 1.6}),
 }
 everyone = pytest.mark.parametrize("method", TABLE.values(), ids=TABLE.keys())
@@ -168,3 +170,35 @@ def test_a_rotation_needs_more_than_timing() -> None:
     for name in PAPER_METHODS:
         found = create_method(name).predict(circle, turned, True, [0.5])[0]
         assert np.linalg.norm(found - truth, axis=1).mean() >= 1 - np.cos(angle / 2) - 1e-12
+
+
+def test_timings_have_their_closed_forms() -> None:
+    """Beta(p, 1) is t^p, Beta(2, 2) is 3t² − 2t³; PCHIP goes through its points and never runs back."""
+    t = np.linspace(0, 1, 101)
+
+    def progress(name: str, **options: object) -> np.ndarray:
+        path = create_method(name, options).predict(np.zeros((2, 3)), np.ones((2, 3)), False, t)
+        return path[:, 0, 0]
+
+    np.testing.assert_allclose(progress("beta", rise=2.5, settle=1.0), t**2.5, atol=1e-14)
+    np.testing.assert_allclose(progress("beta"), 3 * t**2 - 2 * t**3, atol=1e-14)
+    np.testing.assert_allclose(progress("power", exponent=0.7), t**0.7, atol=1e-15)
+    np.testing.assert_allclose(progress("cosine"), (1 - np.cos(np.pi * t)) / 2, atol=1e-15)
+    cubic = progress("monotone", times=[0.25, 0.5], shares=[0.5, 0.5])
+    np.testing.assert_allclose(cubic[[0, 25, 50, 100]], [0, 0.5, 0.5, 1], atol=1e-15)
+    assert np.diff(cubic).min() >= -1e-15
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "words"),
+    [
+        ("power", {"exponent": 0}, "exponent 0 must be positive"),
+        ("beta", {"rise": -1.0}, "rise -1.0 must be positive"),
+        ("monotone", {"times": [0.5], "shares": []}, "1 times for 0 shares"),
+        ("monotone", {"times": [0.5, 0.4], "shares": [0.1, 0.2]}, "must rise inside (0, 1)"),
+        ("monotone", {"times": [0.5], "shares": [1.2]}, "must not fall and lie in [0, 1]"),
+    ],
+)
+def test_timings_refuse_bad_parameters(name: str, options: dict[str, object], words: str) -> None:
+    with pytest.raises(InputError, match=re.escape(words)):
+        create_method(name, options)

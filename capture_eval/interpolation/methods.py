@@ -10,7 +10,12 @@ from capture_eval.errors import InputError
 from capture_eval.interpolation.dynamic_pde import DynamicPde
 from capture_eval.interpolation.linear import LinearInterpolation
 from capture_eval.interpolation.method import InterpolationMethod
-from capture_eval.interpolation.time_warps import CosineInterpolation, PowerInterpolation
+from capture_eval.interpolation.time_warps import (
+    BetaInterpolation,
+    CosineInterpolation,
+    MonotoneInterpolation,
+    PowerInterpolation,
+)
 
 METHODS: dict[str, Callable[..., InterpolationMethod]] = {
     "linear": LinearInterpolation,
@@ -20,6 +25,8 @@ METHODS: dict[str, Callable[..., InterpolationMethod]] = {
     "pde": DynamicPde,
     "cosine": CosineInterpolation,
     "power": PowerInterpolation,
+    "beta": BetaInterpolation,
+    "monotone": MonotoneInterpolation,
 }
 PAPER_METHODS = ("linear", "pde_linear", "pde_quadratic", "pde_cubic")
 
