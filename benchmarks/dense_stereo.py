@@ -222,9 +222,7 @@ def main() -> None:
                 folder = root / capture.name / arguments.pose / ("true" if known else "solved")
                 folder.mkdir(parents=True, exist_ok=True)
                 options = DenseOptions(fusion=arguments.fusion)
-                photos, dense, surface = reconstruct(
-                    capture, arguments.pose, folder, known, options, SurfaceOptions()
-                )
+                photos, dense, surface = reconstruct(capture, arguments.pose, folder, known, options, SurfaceOptions())
                 figures = measure(folder, truth, known)
                 for region, values in figures.items():
                     rows.append(

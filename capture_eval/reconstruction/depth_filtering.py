@@ -104,7 +104,7 @@ def make_consistent(reference: DepthMap, others: Sequence[DepthMap], options: Fi
         rotation = other.rotation @ reference.rotation.T
         translation = other.translation - rotation @ reference.translation
         support_rows(
-            np.array([0, shape[0]]), reference.depth, reference.normal, reference.weight,
+            np.array([0, shape[0]]), reference.depth, reference.normal,
             np.linalg.inv(reference.matrix), other.matrix, other.depth, other.normal, other.weight, rotation,
             translation, tolerances, count, conflicts, total, moved, normals,
         )  # fmt: skip

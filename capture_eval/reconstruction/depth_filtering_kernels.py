@@ -8,8 +8,22 @@ import numpy as np
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def support_rows(
-    rows, depth, normal, weight, inverse_matrix, matrix, other_depth, other_normal, other_weight, rotation, translation,
-    tolerances, count, conflicts, total, moved, total_normal,
+    rows,
+    depth,
+    normal,
+    inverse_matrix,
+    matrix,
+    other_depth,
+    other_normal,
+    other_weight,
+    rotation,
+    translation,
+    tolerances,
+    count,
+    conflicts,
+    total,
+    moved,
+    total_normal,
 ):
     """Add what one other depth map says to the running sums of a reference map.
 
@@ -18,7 +32,7 @@ def support_rows(
     angle of cosine tolerances[2].  `moved` sums, weighted, the depth at which the reference ray meets the other's
     plane.  `conflicts` counts maps that see through the point (their surface lies clearly behind it).
     """
-    height, width = depth.shape
+    width = depth.shape[1]
     other_height, other_width = other_depth.shape
     for v in range(rows[0], rows[1]):
         for u in range(width):

@@ -22,13 +22,13 @@ def plainness(grey: Singles, radius: int) -> Singles:
     """Variance (H, W) of the grey values around a pixel that are like its own, grey levels squared."""
     import cv2
 
-    from capture_eval.reconstruction.patch_match_kernels import plainness_rows
+    from capture_eval.reconstruction.plainness_kernels import plainness_rows
 
     padded = np.ascontiguousarray(np.pad(grey, _PAD, mode="edge"))
     centre = np.ascontiguousarray(cv2.GaussianBlur(grey, (3, 3), 0.7))
     variance = np.zeros(grey.shape, np.float32)
     plainness_rows(
-        np.array([0, grey.shape[0]]), np.empty((5, 64), np.float32), padded.ravel(), padded.shape[1], _PAD, centre,
+        np.array([0, grey.shape[0]]), padded.ravel(), padded.shape[1], _PAD, centre,
         radius, np.float32(_LIKE_COLOUR), variance,
     )  # fmt: skip
     return variance
@@ -80,4 +80,4 @@ def textured_region(colour: NDArray[np.uint8], radius: int, most_noise: float = 
     mean = cv2.blur(values * share[..., None], size) / np.maximum(total, 1e-6)[..., None]
     alike = np.max(np.abs(cv2.blur(values, (3, 3)) - mean), axis=2) < tolerance
     near = cv2.dilate(plain.astype(np.uint8), np.ones((2 * radius + 5, 2 * radius + 5), np.uint8)) > 0
-    return ~(plain | (near & alike & (total > 0)))
+    return np.asarray(~(plain | (near & alike & (total > 0))))

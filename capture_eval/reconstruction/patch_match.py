@@ -21,15 +21,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture_eval.errors import InputError
+from capture_eval.reconstruction.image_pyramid import Pyramid, PyramidLevel
 
 if TYPE_CHECKING:
-    from capture_eval.reconstruction.patch_match_kernels import Pattern, Reference, Sources
+    from capture_eval.reconstruction.patch_cost_kernels import Pattern, Reference, Sources
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
 _PAD = 8
 _SCRATCH = 64
+_SKIP = 0.03  # pixels: planes that differ by less are not tried
+_MAX_SLOPE = 5.0  # tangent of the largest tilt, about 79 degrees
 _NEIGHBOURS = np.array(
     [[-1, 0], [1, 0], [0, -1], [0, 1], [-3, 0], [3, 0], [0, -3], [0, 3], [-5, 0], [5, 0], [0, -5], [0, 5]], np.int64
 )
@@ -41,8 +44,6 @@ class PatchMatchOptions:
 
     Parameters
     ----------
-    levels : int
-        Pyramid levels; 0 chooses so that the coarsest is about 160 pixels wide.
     window : int
         Half width of the patch, pixels of every level.
     colour_sigma : float
@@ -63,7 +64,6 @@ class PatchMatchOptions:
         Rows are divided among so many threads; the result does not depend on it.
     """
 
-    levels: int = 0
     window: int = 4
     colour_sigma: float = 20.0
     views_per_pixel: int = 3
@@ -80,55 +80,6 @@ class PatchMatchOptions:
             raise InputError(f"patch match: window {self.window}, expected 1 to {_PAD} pixels")
         if self.views_per_pixel < 1 or self.refining_views < 1 or self.threads < 1:
             raise InputError("patch match: views per pixel, refining views and threads must be at least 1")
-
-
-@dataclass(frozen=True)
-class StereoView:
-    """A photo without lens distortion, and its camera.
-
-    Parameters
-    ----------
-    name : str
-    grey : (H, W) float32
-        0 to 255.
-    matrix : (3, 3) float64
-        Pixels; the centre of the top-left pixel is (0.5, 0.5).
-    rotation, translation : (3, 3), (3,) float64
-        view_from_world.
-    mask : (H, W) bool, optional
-        Where to look for a surface.
-    """
-
-    name: str
-    grey: Singles
-    matrix: Floats
-    rotation: Floats
-    translation: Floats
-    mask: NDArray[np.bool_] | None = None
-
-    def __post_init__(self) -> None:
-        if self.grey.ndim != 2:
-            raise InputError(f"{self.name}: grey image has shape {self.grey.shape}, expected (H, W)")
-        if self.mask is not None and self.mask.shape != self.grey.shape:
-            raise InputError(f"{self.name}: mask {self.mask.shape} and photo {self.grey.shape} differ in size")
-
-
-@dataclass(frozen=True)
-class PyramidLevel:
-    """One level: grey values, packed bilinear cells, calibration in pixel-index coordinates."""
-
-    grey: Singles
-    texels: NDArray[np.uint32]
-    matrix: Floats
-    active: NDArray[np.uint8]
-
-
-@dataclass(frozen=True)
-class Pyramid:
-    """A view at every level, finest first."""
-
-    view: StereoView
-    levels: tuple[PyramidLevel, ...]
 
 
 @dataclass(frozen=True)
@@ -156,46 +107,6 @@ class DepthEstimate:
     deviation: Singles
 
 
-def pack_texels(grey: Singles) -> NDArray[np.uint32]:
-    """Pack the four corners of every bilinear cell into one uint32, (H, W) -> (H, W)."""
-    quantised = np.clip(np.rint(grey), 0, 255).astype(np.uint32)
-    padded = np.pad(quantised, ((0, 1), (0, 1)), mode="edge")
-    packed = padded[:-1, :-1] | padded[:-1, 1:] << 8 | padded[1:, :-1] << 16 | padded[1:, 1:] << 24
-    return np.ascontiguousarray(packed.astype(np.uint32))
-
-
-def level_count(width: int, height: int, options: PatchMatchOptions) -> int:
-    """Levels so that the longer side of the coarsest is about 160 pixels."""
-    if options.levels > 0:
-        return options.levels
-    return int(np.clip(np.rint(np.log2(max(width, height) / 160.0)) + 1, 1, 7))
-
-
-def build_pyramid(view: StereoView, levels: int) -> Pyramid:
-    """Halve the photo `levels` - 1 times by averaging 2 x 2 pixels.
-
-    Odd last rows and columns are left out, so that a pixel is always exactly four finer ones and the
-    calibration scales by exactly one half.
-    """
-    grey = view.grey.astype(np.float32)
-    mask = np.ones(grey.shape, np.bool_) if view.mask is None else view.mask
-    matrix = view.matrix.astype(np.float64)
-    result = []
-    for _ in range(levels):
-        index_matrix = matrix.copy()
-        index_matrix[:2, 2] -= 0.5
-        active = np.ascontiguousarray(mask.astype(np.uint8))
-        result.append(PyramidLevel(np.ascontiguousarray(grey), pack_texels(grey), index_matrix, active))
-        height, width = grey.shape[0] // 2 * 2, grey.shape[1] // 2 * 2
-        if min(height, width) < 4 * _PAD:
-            break
-        quads = grey[:height, :width].reshape(height // 2, 2, width // 2, 2)
-        grey = quads.mean(axis=(1, 3), dtype=np.float32)
-        mask = mask[:height, :width].reshape(height // 2, 2, width // 2, 2).any(axis=(1, 3))
-        matrix = np.diag([0.5, 0.5, 1.0]) @ matrix
-    return Pyramid(view, tuple(result))
-
-
 def plane_maps(reference: Pyramid, source: Pyramid, level: int) -> Floats:
     """(12,) M row by row, then m: source pixel ~ M (u, v, 1) + m / z, both in pixel indices of `level`."""
     relative = source.view.rotation @ reference.view.rotation.T
@@ -206,7 +117,7 @@ def plane_maps(reference: Pyramid, source: Pyramid, level: int) -> Floats:
 
 
 def _pack_sources(reference: Pyramid, sources: Sequence[Pyramid], level: int) -> "Sources":
-    from capture_eval.reconstruction.patch_match_kernels import Sources
+    from capture_eval.reconstruction.patch_cost_kernels import Sources
 
     chosen = [source.levels[min(level, len(source.levels) - 1)] for source in sources]
     sizes = np.array([item.texels.size for item in chosen])
@@ -222,7 +133,7 @@ def _pack_sources(reference: Pyramid, sources: Sequence[Pyramid], level: int) ->
 def _pack_reference(level: PyramidLevel, active: NDArray[np.uint8]) -> "Reference":
     import cv2
 
-    from capture_eval.reconstruction.patch_match_kernels import Reference
+    from capture_eval.reconstruction.patch_cost_kernels import Reference
 
     padded = np.pad(level.grey, _PAD, mode="edge")
     centre = np.ascontiguousarray(cv2.GaussianBlur(level.grey, (3, 3), 0.7))
@@ -231,7 +142,7 @@ def _pack_reference(level: PyramidLevel, active: NDArray[np.uint8]) -> "Referenc
 
 def sampling_pattern(window: int, stride: int, options: PatchMatchOptions) -> "Pattern":
     """32 samples: six by six without corners, spread over a window of half width `window`."""
-    from capture_eval.reconstruction.patch_match_kernels import Pattern
+    from capture_eval.reconstruction.patch_cost_kernels import Pattern
 
     ladder = np.rint(np.array([-1.0, -0.6, -0.2, 0.2, 0.6, 1.0]) * window).astype(np.int64)
     if len(np.unique(ladder)) < 6:
@@ -244,7 +155,7 @@ def sampling_pattern(window: int, stride: int, options: PatchMatchOptions) -> "P
         dx=x.astype(np.float32),
         dy=y.astype(np.float32),
         spatial=spatial.astype(np.float32),
-        index=(y * stride + x).astype(np.int32),
+        shift=(y * stride + x).astype(np.int32),
         radius=np.float32(window),
         colour_scale=np.float32(1.0 / options.colour_sigma**2),
         noise=np.float32(options.variance_floor),
@@ -256,7 +167,7 @@ def disparity_per_inverse_depth(maps: Floats, pixel: Floats, inverse_depth: floa
     matrix, offset = maps[:, :9].reshape(-1, 3, 3), maps[:, 9:]
     homogeneous = matrix @ np.append(pixel, 1.0) + offset * inverse_depth
     place = homogeneous[:, :2] / homogeneous[:, 2:]
-    return np.linalg.norm((offset[:, :2] - place * offset[:, 2:]) / homogeneous[:, 2:], axis=1)
+    return np.asarray(np.linalg.norm((offset[:, :2] - place * offset[:, 2:]) / homogeneous[:, 2:], axis=1))
 
 
 def _carry_to_finer(planes: Singles, shape: tuple[int, int]) -> Singles:
@@ -296,34 +207,45 @@ class _State:
 
 
 def _search_level(
-    level: int, coarsest: bool, reference: "Reference", pattern: "Pattern", sources: "Sources", state: _State,
-    inverse_range: tuple[float, float], focal: float, pixel_step: float, options: PatchMatchOptions,
+    level: int,
+    coarsest: bool,
+    reference: "Reference",
+    pattern: "Pattern",
+    sources: "Sources",
+    state: _State,
+    inverse_range: tuple[float, float],
+    focal: float,
+    pixel_step: float,
+    options: PatchMatchOptions,
 ) -> None:
-    from capture_eval.reconstruction.patch_match_kernels import choose_views_rows, propagate_rows
+    from capture_eval.reconstruction.patch_match_kernels import Search, choose_views_rows, propagate_rows
 
     height = reference.active.shape[0]
-    nearest, farthest = np.float32(inverse_range[1]), np.float32(inverse_range[0])
-    limits = (nearest, farthest, np.float32(focal), np.float32(5.0))
     passes = options.coarse_passes if coarsest else options.fine_passes
     choose = (reference, pattern, sources, state.planes, state.costs, state.chosen)
     if not coarsest:
         _run_rows(choose_views_rows, height, options.threads, *choose)
+    span = inverse_range[1] - inverse_range[0]
     for turn in range(passes):
         shrink = 0.5**turn
-        amplitude = (0.1 * float(nearest - farthest) if coarsest else pixel_step) * shrink
-        search = (
-            np.float32(amplitude), np.float32((1.0 if coarsest else 0.5) * shrink),
-            np.int64(6 if coarsest else 3), np.int64((8 if turn == 0 else 2) if coarsest else 0),
-            np.float32(0.03 * pixel_step),
-        )  # fmt: skip
-        neighbours = _NEIGHBOURS if coarsest else _NEIGHBOURS[:8]
         for colour in (0, 1):
-            key = np.uint32((options.seed * 7919 + level * 104729 + turn * 1299709 + colour * 15485863) & 0xFFFFFFFF)
-            _run_rows(
-                propagate_rows, height, options.threads, colour, key, reference, pattern, sources, state.planes,
-                state.costs, state.chosen, coarsest, min(options.views_per_pixel, len(sources.width)), neighbours,
-                search, limits,
-            )  # fmt: skip
+            search = Search(
+                colour=colour,
+                key=np.uint32((options.seed * 7919 + level * 104729 + turn * 1299709 + colour * 15485863) % 2**32),
+                use_all=coarsest,
+                best_of=min(options.views_per_pixel, len(sources.width)),
+                changes=6 if coarsest else 3,
+                fresh=(8 if turn == 0 else 2) if coarsest else 0,
+                amplitude=np.float32((0.1 * span if coarsest else pixel_step) * shrink),
+                tilt=np.float32((1.0 if coarsest else 0.5) * shrink),
+                skip=np.float32(_SKIP * pixel_step),
+                nearest=np.float32(inverse_range[1]),
+                farthest=np.float32(inverse_range[0]),
+                focal=np.float32(focal),
+                max_slope=np.float32(_MAX_SLOPE),
+            )
+            neighbours = _NEIGHBOURS if coarsest else _NEIGHBOURS[:8]
+            _run_rows(propagate_rows, height, options.threads, search, *choose, neighbours)
         _run_rows(choose_views_rows, height, options.threads, *choose)
 
 
@@ -350,7 +272,7 @@ def match_view(
     InputError
         No sources, more than 64, or a depth range that is empty or reaches the camera.
     """
-    from capture_eval.reconstruction.patch_match_kernels import MAX_VIEWS
+    from capture_eval.reconstruction.patch_cost_kernels import MAX_VIEWS
 
     if not 1 <= len(sources) <= MAX_VIEWS:
         raise InputError(f"{reference.view.name}: {len(sources)} source photos, expected 1 to {MAX_VIEWS}")
@@ -377,9 +299,7 @@ def match_view(
     return _refine(state, packed, pattern, maps, layer, pixel_step, options)
 
 
-def _start_level(
-    state: _State | None, active: NDArray[np.bool_], kept: int, options: PatchMatchOptions
-) -> _State:
+def _start_level(state: _State | None, active: NDArray[np.bool_], kept: int, options: PatchMatchOptions) -> _State:
     """Arrays of a level; pixels whose surroundings found nothing at the coarser level are given up."""
     import cv2
 
@@ -399,8 +319,13 @@ def _start_level(
 
 
 def _refine(
-    state: _State, reference: "Reference", pattern: "Pattern", sources: "Sources", layer: PyramidLevel,
-    pixel_step: float, options: PatchMatchOptions,
+    state: _State,
+    reference: "Reference",
+    pattern: "Pattern",
+    sources: "Sources",
+    layer: PyramidLevel,
+    pixel_step: float,
+    options: PatchMatchOptions,
 ) -> DepthEstimate:
     from capture_eval.reconstruction.patch_match_kernels import refine_rows
 

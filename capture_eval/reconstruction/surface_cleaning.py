@@ -71,7 +71,7 @@ def point_spacing(points: Floats) -> float:
     """Median distance of a point to its nearest neighbour."""
     sample = points[:: max(1, len(points) // 5000)]
     distances, _ = cKDTree(points).query(sample, k=2)
-    return float(np.median(distances[:, 1]))
+    return float(np.median(np.asarray(distances)[:, 1]))
 
 
 def octree_depth(size: float, spacing: float, cells_per_spacing: float) -> int:
@@ -87,7 +87,7 @@ def without_lone_points(points: Floats, neighbours: int, ratio: float) -> NDArra
     if len(points) <= neighbours:
         return np.ones(len(points), np.bool_)
     distances, _ = cKDTree(points).query(points, k=neighbours + 1)
-    mean = distances[:, 1:].mean(axis=1)
+    mean = np.asarray(distances)[:, 1:].mean(axis=1)
     return np.asarray(mean <= mean.mean() + ratio * mean.std())
 
 

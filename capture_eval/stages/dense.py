@@ -34,14 +34,8 @@ from capture_eval.files.colmap_workspace import (
 from capture_eval.files.point_cloud_files import read_point_cloud, write_point_cloud
 from capture_eval.reconstruction.depth_filtering import DepthMap, FilterOptions, make_consistent, points_of_depth
 from capture_eval.reconstruction.foreground_mask import textured_region
-from capture_eval.reconstruction.patch_match import (
-    PatchMatchOptions,
-    Pyramid,
-    StereoView,
-    build_pyramid,
-    level_count,
-    match_view,
-)
+from capture_eval.reconstruction.image_pyramid import Pyramid, StereoView, build_pyramid, level_count
+from capture_eval.reconstruction.patch_match import PatchMatchOptions, match_view
 from capture_eval.reconstruction.point_fusion import PointCloud, average_in_cells, concatenate
 from capture_eval.reconstruction.view_selection import choose_sources, depth_range, pair_scores
 
@@ -109,7 +103,9 @@ def choose_backend(backend: str, has_cuda: bool) -> str:
         CUDA was asked for and pycolmap has none.
     """
     if backend == "cuda" and not has_cuda:
-        raise ToolError("dense backend cuda: this pycolmap was built without CUDA (install pycolmap-cuda12, or use cpu)")
+        raise ToolError(
+            "dense backend cuda: this pycolmap was built without CUDA (install pycolmap-cuda12, or use cpu)"
+        )
     return "cuda" if has_cuda and backend in ("auto", "cuda") else "cpu"
 
 
@@ -227,7 +223,7 @@ class _Photos:
         self._workspace = workspace
         self._options = options
         sizes = [(view.intrinsics.width, view.intrinsics.height) for view in workspace.views]
-        self.levels = max(level_count(width, height, options.stereo) for width, height in sizes)
+        self.levels = max(level_count(width, height) for width, height in sizes)
         self.pyramid = lru_cache(maxsize=_CACHED_PHOTOS)(self._load)
 
     def _load(self, index: int) -> Pyramid:
@@ -264,7 +260,9 @@ def _cpu_maps(workspace: DenseWorkspace, sources: Sequence[NDArray[np.int64]], o
             write_map(map_path(workspace.folder, "confidence", view.name, "photometric"), np.zeros((*shape, 2)))
             continue
         span = depth_range(depths, view.name)
-        found = match_view(photos.pyramid(index), [photos.pyramid(int(k)) for k in sources[index]], span, options.stereo)
+        found = match_view(
+            photos.pyramid(index), [photos.pyramid(int(k)) for k in sources[index]], span, options.stereo
+        )
         _write_maps(workspace, view.name, "photometric", found.depth, found.normal)
         confidence = np.stack([found.likeness, found.deviation], axis=2)
         write_map(map_path(workspace.folder, "confidence", view.name, "photometric"), confidence)
@@ -279,7 +277,9 @@ def _write_maps(workspace: DenseWorkspace, name: str, stage: str, depth: NDArray
 def _read_depth_map(workspace: DenseWorkspace, index: int, options: DenseOptions) -> DepthMap:
     """A photometric map with its worth; maps of COLMAP's own stereo carry no confidence and count equally."""
     view = workspace.views[index]
-    stage = "photometric" if map_path(workspace.folder, "confidence", view.name, "photometric").exists() else "geometric"
+    stage = (
+        "photometric" if map_path(workspace.folder, "confidence", view.name, "photometric").exists() else "geometric"
+    )
     depth = read_map(map_path(workspace.folder, "depth", view.name, stage))
     normal = read_map(map_path(workspace.folder, "normal", view.name, stage))
     if stage == "photometric":
@@ -330,8 +330,10 @@ def _filter_maps(
 
 def _fuse(workspace: DenseWorkspace, fused: Path, options: DenseOptions) -> int:
     """Write the cloud and return its number of points."""
-    count = _fuse_with_colmap(workspace, fused, options) if options.fusion == "colmap" else _fuse_own(
-        workspace, fused, options
+    count = (
+        _fuse_with_colmap(workspace, fused, options)
+        if options.fusion == "colmap"
+        else _fuse_own(workspace, fused, options)
     )
     if count == 0:
         raise ReconstructionError(f"{workspace.folder}: no point is confirmed by enough photos")
@@ -345,7 +347,9 @@ def _fuse_with_colmap(workspace: DenseWorkspace, fused: Path, options: DenseOpti
     settings.min_num_pixels = options.minimum_pixels
     settings.num_threads = 1
     settings.max_depth_error = 0.005
-    pycolmap.stereo_fusion(str(fused), str(workspace.folder), input_type="geometric", options=settings, output_type="PLY")
+    pycolmap.stereo_fusion(
+        str(fused), str(workspace.folder), input_type="geometric", options=settings, output_type="PLY"
+    )
     return len(read_point_cloud(fused)[0])
 
 
