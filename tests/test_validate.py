@@ -12,66 +12,17 @@ import pytest
 import yaml
 from PIL import Image
 from scipy import ndimage
+from small_capture import PHOTOS, grid_mesh, picture, save_photo, write_capture
 
 from capture_eval.files.manifest_files import read_manifest
 from capture_eval.files.mesh_files import write_mesh
 from capture_eval.polygon_mesh import PolygonMesh
 from capture_eval.stages.validate import validate_capture
 
-SIDE = 6
-PHOTOS = 9
-
-
-def _picture(seed: int, width: int = 160, height: int = 120) -> np.ndarray:
-    """A textured picture: noise at several scales round middle grey."""
-    generator = np.random.default_rng(seed)
-    total = np.zeros((height, width, 3))
-    for sigma, strength in ((0.7, 18.0), (3.0, 22.0), (12.0, 30.0)):
-        layer = ndimage.gaussian_filter(generator.normal(size=(height, width, 3)), (sigma, sigma, 0))
-        total += strength * layer / layer.std()
-    return np.clip(120 + total, 0, 255).astype(np.uint8)
-
-
-def _save(path: Path, pixels: np.ndarray, **options: object) -> None:
-    Image.fromarray(pixels).save(path, quality=92, **options)
-
-
-def _grid() -> PolygonMesh:
-    rows, columns = np.mgrid[0:SIDE, 0:SIDE]
-    vertices = np.stack([columns.ravel(), rows.ravel(), 0.1 * (columns * rows).ravel()], axis=1).astype(float)
-    corner = (np.arange(SIDE - 1)[:, None] * SIDE + np.arange(SIDE - 1)).ravel()
-    quads = np.stack([corner, corner + 1, corner + SIDE + 1, corner + SIDE], axis=1)
-    plain = PolygonMesh.from_faces(vertices, quads)
-    return PolygonMesh(
-        plain.vertices, plain.face_offsets, plain.face_vertices, vertices[:, :2] / SIDE, plain.face_vertices.copy()
-    )
-
 
 @pytest.fixture(scope="session")
 def good_capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("good")
-    for pose in range(2):
-        (folder / f"pose_{pose}").mkdir()
-        for index in range(PHOTOS):
-            _save(folder / f"pose_{pose}" / f"view_{index}.jpg", _picture(100 * pose + index))
-    write_mesh(folder / "template.obj", _grid())
-    landmarks = [
-        {"name": f"mark_{k}", "vertex": k, "photos": {"view_0.jpg": [10.0, 10.0], "view_1.jpg": [12.0, 9.0]}}
-        for k in range(7)
-    ]
-    (folder / "landmarks.yaml").write_text(yaml.safe_dump({"landmarks": landmarks}))
-    (folder / "curves.yaml").write_text(
-        yaml.safe_dump({"curves": [{"name": "row", "vertices": [6, 7, 8], "closed": False}]})
-    )
-    manifest = {
-        "name": "good",
-        "source": "photos",
-        "poses": [{"t": 0.0, "photos": "pose_0"}, {"t": 1.0, "photos": "pose_1"}],
-        "template": {"mesh": "template.obj", "landmarks": "landmarks.yaml"},
-        "curves": "curves.yaml",
-    }
-    (folder / "manifest.yaml").write_text(yaml.safe_dump(manifest))
-    return folder
+    return write_capture(tmp_path_factory.mktemp("good")).parent
 
 
 @pytest.fixture
@@ -104,7 +55,7 @@ def _with_exif(path: Path, tags: dict[int, object], details: dict[int, object] |
     exif = Image.Exif()
     exif.update(tags)
     exif.get_ifd(0x8769).update(details or {})
-    _save(path, _picture(1), exif=exif)
+    save_photo(path, picture(1), exif=exif)
 
 
 PHOTO_DAMAGE = {
@@ -112,16 +63,16 @@ PHOTO_DAMAGE = {
     "empty": (lambda path: path.write_bytes(b""), "empty file (0 bytes)"),
     "text": (lambda path: path.write_text("not a picture"), "not a readable image"),
     "blurred": (
-        lambda path: _save(path, ndimage.gaussian_filter(_picture(1), (3, 3, 0))),
+        lambda path: save_photo(path, ndimage.gaussian_filter(picture(1), (3, 3, 0))),
         "blurred: ",
     ),
-    "dark": (lambda path: _save(path, _picture(1) // 8), "under-exposed: "),
-    "bright": (lambda path: _save(path, 255 - (255 - _picture(1)) // 8), "over-exposed: "),
-    "small": (lambda path: _save(path, _picture(1, 128, 96)), "is 128x96, most photos are 160x120"),
-    "tiny": (lambda path: _save(path, _picture(1, 32, 24)), "32x24 pixels is too small"),
+    "dark": (lambda path: save_photo(path, picture(1) // 8), "under-exposed: "),
+    "bright": (lambda path: save_photo(path, 255 - (255 - picture(1)) // 8), "over-exposed: "),
+    "small": (lambda path: save_photo(path, picture(1, 128, 96)), "is 128x96, most photos are 160x120"),
+    "tiny": (lambda path: save_photo(path, picture(1, 32, 24)), "32x24 pixels is too small"),
     "copy": (lambda path: shutil.copy(path.parent / "view_0.jpg", path), "the same file as view_0.jpg"),
     "again": (
-        lambda path: _save(path, np.asarray(Image.open(path.parent / "view_0.jpg"))),
+        lambda path: save_photo(path, np.asarray(Image.open(path.parent / "view_0.jpg"))),
         "the same picture as view_0.jpg",
     ),
     "of another pose": (
@@ -146,10 +97,10 @@ def test_a_damaged_photo_is_named_and_alone(capture: Path, damage: str) -> None:
 
 def test_a_picture_of_something_else_is_noticed(capture: Path) -> None:
     photo = capture / "pose_1" / "view_5.jpg"
-    pixels = _picture(1)
+    pixels = picture(1)
     pixels[..., 0] //= 4  # another colour, the same brightness and detail
     pixels[..., 1] = np.clip(pixels[..., 1].astype(int) + 30, 0, 255)
-    _save(photo, pixels)
+    save_photo(photo, pixels)
     assert any(str(photo) in line and "something else?" in line for line in _lines(capture))
 
 
@@ -229,7 +180,7 @@ TEMPLATE_DAMAGE = {
     "nan": (lambda f: _template_text(f, lambda text: "v nan 0 0\n" + text.split("\n", 1)[1]), "template.obj"),
     "no mesh": (lambda f: (f / "template.obj").write_bytes(b"\x00\x01\x02"), "template.obj"),
     "missing": (lambda f: (f / "template.obj").unlink(), "template.obj"),
-    "no uv": (lambda f: write_mesh(f / "template.obj", _without_texture(_grid())), "no texture coordinates"),
+    "no uv": (lambda f: write_mesh(f / "template.obj", _without_texture(grid_mesh())), "no texture coordinates"),
 }
 
 
@@ -312,7 +263,7 @@ def test_methods_rigid_region_hashes_and_truth(capture: Path) -> None:
 
 
 def test_meshes_of_one_topology(tmp_path: Path) -> None:
-    grid = _grid()
+    grid = grid_mesh()
     for name in ("a", "b"):
         write_mesh(tmp_path / f"{name}.obj", grid)
     (tmp_path / "curves.yaml").write_text("curves: [{name: row, vertices: [6, 7, 8], closed: false}]\n")
