@@ -51,7 +51,9 @@ def test_all_quads_one_border_and_the_euler_characteristic_of_a_disk(head):
     # one loop: every border vertex has two border edges, and walking along them meets all of them
     assert np.array_equal(np.bincount(border.ravel())[np.unique(border)], np.full(len(border), 2))
     loop = walk_edge_loop(edge_topology(head.skin), tuple(border[0].tolist()))
-    assert loop.closed and loop.border and len(loop.vertices) == len(border)
+    assert loop.closed
+    assert loop.border
+    assert len(loop.vertices) == len(border)
     assert set(loop.vertices) == set(TOPOLOGY.skull[-1])
 
 
@@ -104,7 +106,8 @@ def test_texture_chart_has_no_flips_overlaps_or_waste(head):
     areas = 0.5 * (diagonals[0][:, 0] * diagonals[1][:, 1] - diagonals[0][:, 1] * diagonals[1][:, 0])
     # the border is convex and no quad flips, so the quads tile the area inside it exactly once
     assert 0.9 < areas.sum() < 1.0
-    assert corners.min() > 0 and corners.max() < 1
+    assert corners.min() > 0
+    assert corners.max() < 1
 
 
 def test_face_has_three_texels_a_millimetre_at_1024(head):
@@ -186,7 +189,8 @@ def test_jaw_turns_rigidly_about_its_hinge(identity):
     turns = skin_turns(TOPOLOGY, build_mannequin(0).skin.vertices, "jaw_open")
     full = np.flatnonzero(turns[0].degrees == JAW_ANGLE)
     assert len(full) > 100
-    assert head.landmarks["chin"] in full and head.landmarks["lip_lower_bottom"] in full
+    assert head.landmarks["chin"] in full
+    assert head.landmarks["lip_lower_bottom"] in full
     neutral = head.skin.vertices[full]
     for amount in (0.3, 1.0):
         moved = head.pose("jaw_open", amount)[0][full]
@@ -266,12 +270,14 @@ def test_other_persons_are_two_to_four_percent_away(head, identity):
     difference = np.linalg.norm(other.skin.vertices - head.skin.vertices, axis=1).mean()
     assert 0.02 < difference / diameter(head.skin.vertices) < 0.04
     assert np.array_equal(other.skin.quads(), head.skin.quads())
-    assert other.landmarks == head.landmarks and other.curves == head.curves
+    assert other.landmarks == head.landmarks
+    assert other.curves == head.curves
 
 
 def test_skin_is_seeded_and_weak_skin_has_less_contrast(head):
     images = {contrast: head.albedo(256, contrast) for contrast in ("normal", "weak")}
-    assert images["normal"].shape == (256, 256, 3) and images["normal"].dtype == np.uint8
+    assert images["normal"].shape == (256, 256, 3)
+    assert images["normal"].dtype == np.uint8
     again = head.albedo(256, "normal")
     assert hashlib.sha256(again.tobytes()).digest() == hashlib.sha256(images["normal"].tobytes()).digest()
     assert not np.array_equal(build_mannequin(1).albedo(256, "normal"), images["normal"])

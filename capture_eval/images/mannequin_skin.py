@@ -6,6 +6,8 @@ no seam, and no part of skin, scalp or neck repeats another.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -94,27 +96,29 @@ def bake_albedo(
     return image
 
 
-def _chart_scene(coordinates: FloatArray, corners: IntArray):  # type: ignore[no-untyped-def]  # open3d has no types
+def _chart_scene(coordinates: FloatArray, corners: IntArray) -> Any:
     import open3d
 
     flat = np.concatenate([coordinates, np.zeros((len(coordinates), 1))], axis=1).astype(np.float32)
     triangles = np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]]).astype(np.uint32)
+    tensor: Any = open3d.core.Tensor
     scene = open3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(flat, triangles)
+    scene.add_triangles(tensor(flat), tensor(triangles))
     return scene
 
 
-def _texel_attributes(  # type: ignore[no-untyped-def]  # open3d has no types
-    scene, topology: Topology, attributes: SingleArray, size: int, first: int, last: int
+def _texel_attributes(
+    scene: Any, topology: Topology, attributes: SingleArray, size: int, first: int, last: int
 ) -> SingleArray:
     """Attributes (texels, k) of image rows first..last, interpolated over the chart's triangles."""
     import open3d
 
+    tensor: Any = open3d.core.Tensor
     v, u = np.meshgrid(1 - (np.arange(first, last) + 0.5) / size, (np.arange(size) + 0.5) / size, indexing="ij")
     points = np.stack([u.ravel(), v.ravel()], axis=1)
     rays = np.empty((len(points), 6), dtype=np.float32)
     rays[:, :2], rays[:, 2], rays[:, 3:] = points, 1.0, (0.0, 0.0, -1.0)
-    hits = scene.cast_rays(open3d.core.Tensor(rays), nthreads=1)
+    hits = scene.cast_rays(tensor(rays), nthreads=1)
     missing = ~np.isfinite(hits["t_hit"].numpy())
     triangle = hits["primitive_ids"].numpy().astype(np.int64)
     weights = hits["primitive_uvs"].numpy()
@@ -123,7 +127,7 @@ def _texel_attributes(  # type: ignore[no-untyped-def]  # open3d has no types
         # the chart is convex and centred: towards the middle a texel outside meets its border
         step -= 0.002
         rays[missing, :2] = 0.5 + step * (points[missing] - 0.5)
-        again = scene.cast_rays(open3d.core.Tensor(rays[missing]), nthreads=1)
+        again = scene.cast_rays(tensor(rays[missing]), nthreads=1)
         found = np.isfinite(again["t_hit"].numpy())
         index = np.flatnonzero(missing)[found]
         triangle[index] = again["primitive_ids"].numpy()[found]
@@ -164,7 +168,7 @@ def skin_color(points: SingleArray, masks: SingleArray, contrast: float, seed: i
     return color
 
 
-def _smooth_step(low: float, high: float, value: SingleArray) -> SingleArray:
+def _smooth_step(low: float, high: float, value: NDArray[np.floating]) -> SingleArray:
     share = np.clip((value - low) / (high - low), 0, 1)
     return np.asarray(share * share * (3 - 2 * share), dtype=np.float32)
 

@@ -72,8 +72,8 @@ def unwrap(topology: Topology, positions: FloatArray, wanted: FloatArray) -> tup
     for _ in range(60):
         flat = np.maximum(_areas(coordinates[corners]), 1e-12)
         stretch = np.sqrt(scaled_area / flat)
-        per_vertex = np.bincount(corners.ravel(), np.repeat(stretch * scaled_area, 4), len(owner))
-        per_vertex /= np.bincount(corners.ravel(), np.repeat(scaled_area, 4), len(owner))
+        per_vertex = 1.0 * np.bincount(corners.ravel(), np.repeat(stretch * scaled_area, 4), len(owner))
+        per_vertex = per_vertex / np.bincount(corners.ravel(), np.repeat(scaled_area, 4), len(owner))
         per_vertex = np.clip(per_vertex / np.median(stretch), 0.2, 5.0)
         weights = weights / (per_vertex[end] ** 0.25 * per_vertex[start] ** 0.25)
         coordinates = _solve(start, end, weights, border, frame, len(owner))
@@ -90,7 +90,7 @@ def _solve(
     coordinates = np.zeros((count, 2))
     coordinates[border] = frame
     left = coo_matrix((total[free], (np.arange(free.sum()), np.arange(free.sum())))) - matrix[free][:, free]
-    coordinates[free] = spsolve(left.tocsc(), matrix[free][:, ~free] @ coordinates[~free])
+    coordinates[free] = np.asarray(spsolve(left.tocsc(), matrix[free][:, ~free] @ coordinates[~free]))
     return coordinates
 
 

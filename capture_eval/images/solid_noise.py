@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float32]
 
 
-@njit(cache=True, inline="always")  # type: ignore[untyped-decorator]
-def _hash(i: int, j: int, k: int, seed: int) -> int:  # pragma: no cover - compiled
+@njit(cache=True, inline="always")
+def _hash(i: int, j: int, k: int, seed: int) -> np.uint32:  # pragma: no cover - compiled
     value = np.uint32(i) * np.uint32(0x8DA6B343) + np.uint32(j) * np.uint32(0xD8163841)
     value += np.uint32(k) * np.uint32(0xCB1AB31F) + np.uint32(seed) * np.uint32(0x9E3779B1)
     value ^= value >> np.uint32(16)
@@ -25,15 +25,15 @@ def _hash(i: int, j: int, k: int, seed: int) -> int:  # pragma: no cover - compi
     return np.uint32(value)
 
 
-@njit(cache=True, inline="always")  # type: ignore[untyped-decorator]
-def _slope(code: int, x: float, y: float, z: float) -> float:  # pragma: no cover - compiled
+@njit(cache=True, inline="always")
+def _slope(code: np.uint32, x: float, y: float, z: float) -> float:  # pragma: no cover - compiled
     case = code & np.uint32(15)
     u = x if case < 8 else y
     v = y if case < 4 else (x if case == 12 or case == 14 else z)
     return (u if (case & np.uint32(1)) == 0 else -u) + (v if (case & np.uint32(2)) == 0 else -v)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _gradient_noise(points: FloatArray, scale: FloatArray, seed: int, out: FloatArray) -> None:  # pragma: no cover
     for n in range(points.shape[0]):
         x, y, z = points[n, 0] * scale[0], points[n, 1] * scale[1], points[n, 2] * scale[2]
@@ -54,7 +54,7 @@ def _gradient_noise(points: FloatArray, scale: FloatArray, seed: int, out: Float
         out[n] = total
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _spots(
     points: FloatArray, cell: float, share: float, small: float, large: float, seed: int, out: FloatArray
 ) -> None:  # pragma: no cover - compiled
@@ -80,7 +80,9 @@ def _spots(
         out[n] = best
 
 
-def gradient_noise(points: NDArray[np.floating], wavelength: float | tuple[float, float, float], seed: int) -> FloatArray:
+def gradient_noise(
+    points: NDArray[np.floating], wavelength: float | tuple[float, float, float], seed: int
+) -> FloatArray:
     """Gradient noise (N,) float32 of mean 0, standard deviation about 0.27 and range within -1..1.
 
     Parameters
