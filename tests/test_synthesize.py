@@ -214,7 +214,7 @@ def test_bones_move_the_skin_as_in_the_independent_realisation(
     for number, t in enumerate(other["t"]):
         skin, parts = head.pose(motion, float(t))
         assert np.abs(skin - other[f"{motion}_linear"][number]).max() < 1e-5
-        teeth = [part for blocker, part in zip(head.blockers, parts, strict=True) if blocker.name == "teeth"][0]
+        teeth = next(part for blocker, part in zip(head.blockers, parts, strict=True) if blocker.name == "teeth")
         assert np.abs(teeth - other[f"{motion}_linear__parts"][number][144:280]).max() < 1e-5
 
 
@@ -289,7 +289,8 @@ def test_weak_skin_has_less_contrast(assets: MakeHumanAssets, cut: HeadCut) -> N
     assert 0.25 < deviations[1] / deviations[0] < 0.6
 
 
-def test_damaged_upstream_files_are_one_line(assets: MakeHumanAssets) -> None:
+@pytest.mark.usefixtures("assets")
+def test_damaged_upstream_files_are_one_line() -> None:
     texts = read_makehuman_texts(SHARED / "makehuman_upstream", REQUIRED_FILES)
     for name in ("3dobjs/base.obj", "poseunits/face-poseunits.bvh", "rigs/default_weights.mhw"):
         with pytest.raises(InputError, match=name):

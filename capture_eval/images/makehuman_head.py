@@ -127,7 +127,7 @@ def identity(number: int) -> Identity:
         freckles=float(random.uniform(0.3, 0.9)),
         seed=1000 * number,
     )
-    return Identity(number, mixture, 4.0, tone, _IRISES[number % len(_IRISES)])
+    return Identity(number, mixture, 5.5, tone, _IRISES[number % len(_IRISES)])
 
 
 @dataclass(frozen=True)

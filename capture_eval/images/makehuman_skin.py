@@ -20,6 +20,9 @@ ByteArray = NDArray[np.uint8]
 # Hair grows above this line: depth z (front positive) against height y.
 _HAIRLINE_Z = (-95.0, -60.0, -44.0, -36.0, -28.0, 14.0, 20.0, 28.0, 36.0, 50.0, 66.0, 100.0)
 _HAIRLINE_Y = (-44.0, -42.0, -30.0, 10.0, 48.0, 48.0, 14.0, 18.0, 56.0, 80.0, 95.0, 95.0)
+_LIP_TINT = (0.86, 0.70, 0.76)
+# Mean of the default skin colour, for which the sizes of all variations are written.
+_USUAL_BRIGHTNESS = 169.0
 # The subject's left brow from the nose outwards: x, y, half width, hair direction in degrees from outwards.
 _BROW = np.array(
     [
@@ -39,8 +42,8 @@ class SkinTone:
 
     Attributes
     ----------
-    skin, lips, hair
-        Mean colours.
+    skin, hair
+        Mean colours; the lips are a redder, darker skin.
     freckles
         0 = none, 1 = many.
     seed
@@ -48,7 +51,6 @@ class SkinTone:
     """
 
     skin: tuple[float, float, float] = (209.0, 162.0, 136.0)
-    lips: tuple[float, float, float] = (178.0, 112.0, 102.0)
     hair: tuple[float, float, float] = (92.0, 70.0, 55.0)
     freckles: float = 0.7
     seed: int = 0
@@ -82,8 +84,9 @@ def skin_colors(places: SkinPlaces, tone: SkinTone, contrast: Contrast) -> ByteA
     """
     strength = 0.4 if contrast == "weak" else 1.0
     points = np.ascontiguousarray(places.points, dtype=np.float32)
-    colors = np.asarray(tone.skin, dtype=np.float32) + _large_variation(points)
-    colors += np.float32(strength) * _fine_variation(points, tone)
+    brightness = np.float32(np.mean(tone.skin) / _USUAL_BRIGHTNESS)
+    colors = np.asarray(tone.skin, dtype=np.float32) + brightness * _large_variation(points)
+    colors += brightness * np.float32(strength) * _fine_variation(points, tone)
     _spot(colors, points, tone, strength)
     for chosen, paint in (
         (np.flatnonzero(points[:, 1] > hairline(points[:, 2]) - 8.0), _paint_hair),
@@ -138,12 +141,12 @@ def _fine_variation(points: SingleArray, tone: SkinTone) -> SingleArray:
     """Blotches, relief and pores from 40 mm down to half a millimetre; light and a little colour."""
     light = np.zeros(len(points), dtype=np.float32)
     for octave, (cell, amount) in enumerate(
-        ((38.0, 9.0), (15.0, 6.0), (7.0, 6.0), (3.6, 9.0), (1.9, 15.0), (1.05, 19.0), (0.62, 17.0))
+        ((38.0, 8.0), (15.0, 5.0), (7.0, 4.0), (3.6, 5.0), (1.9, 8.0), (1.05, 11.0), (0.62, 11.0))
     ):
         light += np.float32(amount) * _noise(points, cell, tone.seed + 11 + octave)
-    blush = 9.0 * _noise(points, 10.0, tone.seed + 31) + 6.0 * _noise(points, 2.6, tone.seed + 32)
+    blush = 7.0 * _noise(points, 10.0, tone.seed + 31) + 4.0 * _noise(points, 2.6, tone.seed + 32)
     pores = np.minimum(_noise(points, 0.8, tone.seed + 33) + 0.12, 0.0)
-    return _colored(light, (0.95, 1.0, 0.98)) + _colored(blush, (0.2, -0.8, -0.7)) + _colored(pores, (38.0, 42.0, 42.0))
+    return _colored(light, (0.95, 1.0, 0.98)) + _colored(blush, (0.2, -0.8, -0.7)) + _colored(pores, (26.0, 29.0, 29.0))
 
 
 def _spot(colors: SingleArray, points: SingleArray, tone: SkinTone, strength: float) -> None:
@@ -207,7 +210,7 @@ def _paint_lips(colors: SingleArray, points: SingleArray, mask: FloatArray, tone
     shade = (
         1.0 + 0.22 * furrows + 0.10 * _noise(points, 4.0, tone.seed + 93) + 0.12 * _noise(points, 1.1, tone.seed + 95)
     )
-    lips = np.asarray(tone.lips) * shade[:, None]
+    lips = np.asarray(tone.skin) * np.asarray(_LIP_TINT) * shade[:, None]
     cover = np.clip((mask - 0.45 + 0.10 * _noise(points, 1.6, tone.seed + 94)) / 0.3, 0.0, 1.0)
     cover = cover * cover * (3.0 - 2.0 * cover)
     return np.asarray(colors + cover[:, None] * (lips - colors), dtype=np.float32)

@@ -34,7 +34,7 @@ from capture_eval.triangle_geometry import diameter
 FloatArray = NDArray[np.float64]
 logger = logging.getLogger("capture_eval.synthesize")
 # Raised whenever the same options give other pixels, so that half-finished captures are not mixed.
-PICTURE_VERSION = 1
+PICTURE_VERSION = 2
 _STATE = "truth/state.json"
 
 
