@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from capture_eval.errors import InputError
+from capture_eval.registration.surface_correspondence import Surface
 from capture_eval.similarity import Similarity
 from capture_eval.triangle_geometry import triangle_normals, unique_edges, vertex_normals
 
@@ -21,7 +22,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Booleans = NDArray[np.bool_]
 
-_CANDIDATES = 64
+_CANDIDATES = 32
 _CHUNK = 1024
 
 
@@ -214,8 +215,8 @@ def tracking_error(
     own = registered_neutral - points.places(true_neutral, true_triangles)
     turned = np.einsum("vij,vkj,vk->vi", frames, neutral_frames, own)
     relative = np.linalg.norm(difference - turned, axis=1)
-    normals = frames[:, :, 2]
-    surface = nearest_on_mesh(registered, true_vertices, true_triangles, normals)[1]
+    nearest = Surface(true_vertices, true_triangles).closest(registered).points
+    surface = np.linalg.norm(registered - nearest, axis=1)
     return TrackingError(np.linalg.norm(difference, axis=1), normal, tangential, relative, surface)
 
 
@@ -251,15 +252,18 @@ def refine_similarity_by_surface(
         raise InputError(f"alignment to the truth: {np.count_nonzero(use)} seen vertices, at least 20 are needed")
     fit = start
     rows = np.flatnonzero(use)
+    surface = Surface(target, target_triangles)
     faces = triangle_normals(target, target_triangles)
     for _ in range(steps):
         moved = fit.apply(source)
         normals = vertex_normals(moved, source_triangles)[rows]
-        found, distance = nearest_on_mesh(moved[rows], target, target_triangles, normals)
-        place = found.places(target, target_triangles)
+        closest = surface.closest(moved[rows])
+        distance = np.linalg.norm(moved[rows] - closest.points, axis=1)
         limit = 6.0 * max(float(np.median(distance)), 1e-9)
-        weight = np.maximum(1.0 - (distance / limit) ** 2, 0.0) ** 2
-        step = _similarity_step(moved[rows], place, faces[found.triangle], weight)
+        face_normals = faces[closest.triangle]
+        agree = np.sum(face_normals * normals, axis=1) > 0.3
+        weight = np.where(agree, np.maximum(1.0 - (distance / limit) ** 2, 0.0) ** 2, 0.0)
+        step = _similarity_step(moved[rows], closest.points, face_normals, weight)
         fit = step.compose(fit)
     return fit
 

@@ -42,9 +42,11 @@ class TrackingOptions:
         Residual at which a match counts half (Cauchy). It starts wide: the few matches on an opening lip are far
         from the previous pose, and would count nothing.
     chain_weight : float
-        Weight of matches against the previous pose, relative; they are used up to the first selection.
-    selection_steps, selection_limits : tuples
-        Steps at which matches are selected anew from the present fit, and how near they must be.
+        Weight of matches against the previous pose, relative.
+    chain_steps : int
+        They only help to start, during so many steps.
+    selection_limit : (first, last)
+        Matches nearer to the present fit than this are in use, and those whose neighbours deviate alike.
     anchor_weight : float
         Weight that lets far, unseen skin follow the nearest measured skin.
     """
@@ -57,8 +59,8 @@ class TrackingOptions:
     match_weight: float = 1.0
     match_scale: tuple[float, float] = (12.0, 0.7)
     chain_weight: float = 0.5
-    selection_steps: tuple[int, ...] = (3, 5, 7)
-    selection_limits: tuple[float, ...] = (3.0, 2.0, 1.5)
+    chain_steps: int = 3
+    selection_limit: tuple[float, float] = (4.0, 1.5)
     anchor_weight: float = 0.02
 
 
@@ -107,14 +109,14 @@ def track_pose(
     chain_good = consistent_with_prediction(chain, rest, predicted, triangles)
     limits = np.geomspace(*options.distance_limit, len(options.stiffness))
     scales = np.geomspace(*options.match_scale, len(options.stiffness))
+    near = np.geomspace(*options.selection_limit, len(options.stiffness))
     for step, alpha in enumerate(options.stiffness):
-        if step in options.selection_steps:
-            limit = options.selection_limits[options.selection_steps.index(step)]
-            still = good & consistent_with_prediction(matches, rest, positions, triangles)
-            good = near_present_fit(matches, positions, triangles, limit) | still
+        if step > 0:
+            good = consistent_with_prediction(matches, rest, positions, triangles)
+            good |= near_present_fit(matches, positions, triangles, float(near[step]))
         scale = float(scales[step])
         constraints = [match_constraints(matches.select(good), positions, triangles, options.match_weight, scale)]
-        if step < options.selection_steps[0]:
+        if step < options.chain_steps:
             weight = options.chain_weight * options.match_weight
             constraints.append(match_constraints(chain.select(chain_good), positions, triangles, weight, scale))
         if step >= options.surface_from:
