@@ -165,14 +165,14 @@ def flow_field(
     first = local_normalisation(neutral.image[box], neutral.mask[box], options.normalisation_sigma)
     second = local_normalisation(pose.image[box], pose.mask[box], options.normalisation_sigma)
     forward, backward = _dense_flow(first, second), _dense_flow(second, first)
-    forward = _refine(first, second, forward, options.refinement_sigma)
+    forward = refine_flow(first, second, forward, options.refinement_sigma)
     field.flow[box] = forward
-    field.disagreement[box] = np.linalg.norm(forward + _warp(backward, forward), axis=-1)
-    warped, known = _warp(second, forward), _warp(pose.mask[box].astype(np.float32), forward)
+    field.disagreement[box] = np.linalg.norm(forward + warp(backward, forward), axis=-1)
+    warped, known = warp(second, forward), warp(pose.mask[box].astype(np.float32), forward)
     overlap = (neutral.mask[box] & (known > 0.99)).astype(np.float32)
-    field.correlation[box] = _correlation(first, warped, overlap, options.correlation_sigma)
-    field.strength[box] = _texture_strength(first)
-    field.distance[:] = np.minimum(_distance_to_holes(both), atlas.border_distance)
+    field.correlation[box] = windowed_correlation(first, warped, overlap, options.correlation_sigma)
+    field.strength[box] = texture_strength(first)
+    field.distance[:] = np.minimum(distance_to_holes(both), atlas.border_distance)
     return field
 
 
@@ -193,7 +193,7 @@ def local_normalisation(image: Picture, mask: NDArray[np.bool_], sigma: float) -
 
 
 def _dense_flow(first: Picture, second: Picture) -> Picture:
-    """Dense inverse search down to half the resolution; :func:`_refine` does the rest for a third of the time."""
+    """Dense inverse search down to half the resolution; :func:`refine_flow` does the rest for a third of the time."""
     import cv2
 
     search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
@@ -204,13 +204,13 @@ def _dense_flow(first: Picture, second: Picture) -> Picture:
     return np.asarray(search.calc(bytes_first, bytes_second, None), dtype=np.float32)
 
 
-def _refine(first: Picture, second: Picture, flow: Picture, sigma: float, steps: int = 2) -> Picture:
+def refine_flow(first: Picture, second: Picture, flow: Picture, sigma: float, steps: int = 2) -> Picture:
     """Lucas-Kanade steps at full resolution: least squares of the brightness difference in Gaussian windows."""
     import cv2
 
     right, down = _gradients(first)
     for _ in range(steps):
-        warped = _warp(second, flow, cubic=True)
+        warped = warp(second, flow, cubic=True)
         warped_right, warped_down = _gradients(warped)
         x, y, difference = 0.5 * (right + warped_right), 0.5 * (down + warped_down), warped - first
         products = (x * x, x * y, y * y, x * difference, y * difference)
@@ -229,7 +229,7 @@ def _gradients(picture: Picture) -> tuple[Picture, Picture]:
     return cv2.Sobel(picture, cv2.CV_32F, 1, 0, scale=0.125), cv2.Sobel(picture, cv2.CV_32F, 0, 1, scale=0.125)
 
 
-def _warp(picture: Picture, flow: Picture, cubic: bool = False) -> Picture:
+def warp(picture: Picture, flow: Picture, cubic: bool = False) -> Picture:
     """``picture`` at texel + flow."""
     import cv2
 
@@ -241,7 +241,7 @@ def _warp(picture: Picture, flow: Picture, cubic: bool = False) -> Picture:
     return np.asarray(moved, dtype=np.float32)
 
 
-def _correlation(first: Picture, second: Picture, mask: Picture, sigma: float) -> Picture:
+def windowed_correlation(first: Picture, second: Picture, mask: Picture, sigma: float) -> Picture:
     import cv2
 
     def mean(values: Picture) -> Picture:
@@ -255,7 +255,7 @@ def _correlation(first: Picture, second: Picture, mask: Picture, sigma: float) -
     return np.asarray(covariance / np.sqrt(np.maximum(variance, 1e-6)), dtype=np.float32)
 
 
-def _texture_strength(picture: Picture, sigma: float = 4.0) -> Picture:
+def texture_strength(picture: Picture, sigma: float = 4.0) -> Picture:
     """Smaller eigenvalue of the structure tensor."""
     import cv2
 
@@ -264,7 +264,7 @@ def _texture_strength(picture: Picture, sigma: float = 4.0) -> Picture:
     return np.asarray(0.5 * (xx + yy - np.sqrt((xx - yy) ** 2 + 4.0 * xy * xy)), dtype=np.float32)
 
 
-def _distance_to_holes(known: NDArray[np.bool_]) -> Picture:
+def distance_to_holes(known: NDArray[np.bool_]) -> Picture:
     import cv2
 
     framed = np.pad(known.astype(np.uint8), 1)
