@@ -27,8 +27,11 @@ METHODS = [
     ("pde_quadratic", {}),
     ("pde_cubic", {}),
     ("pde", {"order": 5, "damping": 20.0}),
+    ("pde_causal", {"order": 1.6}),
     ("cosine", {}),
     ("power", {"exponent": 1.6}),
+    ("beta", {}),
+    ("monotone", {"times": [0.3, 0.7], "shares": [0.1, 0.8]}),
 ]
 
 
@@ -81,12 +84,17 @@ def main() -> None:
     print("| what | ms | × bare linear |")
     print("| --- | ---: | ---: |")
     print(f"| bare numpy linear (peer) | {1e3 * peer:.1f} | 1.0 |")
+    causal = create_methods([("pde_causal", {"order": 1.6})])
+    begin = time.process_time()
+    evaluate_curves(curves, t, causal, 2.0)
+    first = time.process_time() - begin
+    print(f"| PDE from rest, first time (its warps are kept) | {1e3 * first:.1f} | {first / peer:.1f} |")
     for identifier, options in METHODS:
         methods = create_methods([(identifier, options)])
         taken = cpu_seconds(lambda methods=methods: evaluate_curves(curves, t, methods, 2.0))
         print(f"| {next(iter(methods.values())).title} | {1e3 * taken:.1f} | {taken / peer:.1f} |")
     paper, everything = create_methods(METHODS[:4]), create_methods(METHODS)
-    for name, methods in (("the paper's four methods", paper), ("all seven methods", everything)):
+    for name, methods in (("the paper's four methods", paper), ("all ten methods", everything)):
         taken = cpu_seconds(lambda methods=methods: evaluate_curves(curves, t, methods, 2.0))
         print(f"| {name} | {1e3 * taken:.1f} | {taken / peer:.1f} |")
     found = evaluate_curves(curves, t, everything, 2.0)

@@ -23,6 +23,7 @@ TABLE = {
     "closure ebar0": DynamicPde(order=2, mass=0.01, closure="ebar0"),
     "closure rest": DynamicPde(order=3, mass=0.01, closure="rest"),
     "closure minforce": DynamicPde(order=2, closure="minforce"),
+    "causal 1.7": create_method("pde_causal", {"order": 1.7, "damping": 5e3, "foundation": 0.0}),
     "monotone late": create_method("monotone", {"times": [0.3, 0.6], "shares": [0.1, 0.2]}),
     "beta 3 1": create_method("beta", {"rise": 3.0, "settle": 1.0}),
     "power 1.6": create_method("power", {"exponent": 1.6}),
@@ -202,3 +203,20 @@ def test_timings_have_their_closed_forms() -> None:
 def test_timings_refuse_bad_parameters(name: str, options: dict[str, object], words: str) -> None:
     with pytest.raises(InputError, match=re.escape(words)):
         create_method(name, options)
+
+
+def test_causal_curves_keep_resting_points_with_a_foundation_and_warn_without() -> None:
+    start = shapes(3, 60)[0]
+    end = start.copy()
+    end[20:40, 2] += 1.0
+    still = np.r_[0:10, 50:60]
+    firm = create_method("pde_causal", {"rigidity": 1e4, "foundation": 1e6})
+    assert np.abs(firm.predict(start, end, True, TIMES)[:, still] - start[still]).max() < 1e-5
+    assert firm.warnings(60, True) == []
+    loose = create_method("pde_causal", {"foundation": 0.0})
+    assert np.abs(loose.predict(start, end, True, TIMES)[:, still] - start[still]).max() > 0.03
+    assert any("points that do not move" in line for line in loose.warnings(60, True))
+    with pytest.raises(InputError, match="rigidity and foundation are both 0"):
+        create_method("pde_causal", {"rigidity": 0.0, "foundation": 0.0})
+    with pytest.raises(InputError, match="real number from 1 to 20"):
+        create_method("pde_causal", {"order": 0.5})

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import fft
 
 from capture_eval.errors import InputError, SolverError
+from capture_eval.interpolation.curve_modes import SAMPLES, describe_warps, mode_count, spread_modes, wave_numbers
 from capture_eval.interpolation.linear import follow_chord
 from capture_eval.interpolation.method import check_curve_pair
 from capture_eval.interpolation.warps import CLOSURES, check_order, harmonic_warps, zero_mode_warp
@@ -22,8 +22,6 @@ from capture_eval.interpolation.warps import CLOSURES, check_order, harmonic_war
 Floats = NDArray[np.float64]
 
 _NAMES = {1: "linear", 2: "quadratic", 3: "cubic"}
-_SAMPLES = np.linspace(0.0, 1.0, 201)
-_NOTICEABLE = 1e-2  # share of the displacement below which running back or past the end is not worth a warning
 
 
 @dataclass(frozen=True)
@@ -111,8 +109,8 @@ class DynamicPde:
         if self.exact_ends:
             power = moments**self.order
             base = follow_chord(first, last, power)
-            return base + _spread(displacement, closed, still - power, moving - power[:, None])
-        return first + _spread(displacement, closed, still, moving)
+            return base + spread_modes(displacement, closed, still - power, moving - power[:, None])
+        return first + spread_modes(displacement, closed, still, moving)
 
     def mode_warps(self, point_count: int, closed: bool, times: Floats) -> tuple[Floats, Floats]:
         """Warps of the modes of a curve.
@@ -134,8 +132,7 @@ class DynamicPde:
             Warps of the harmonics 1 … N that follow the PDE.
         """
         count = self._harmonic_count(point_count, closed)
-        wave_number = (2.0 if closed else 1.0) * np.pi * np.arange(1, count + 1)
-        stiffness = self.foundation + self.rigidity * wave_number**4
+        stiffness = self.foundation + self.rigidity * wave_numbers(count, closed) ** 4
         if count == 0:
             return self._still_warp(times), np.zeros((len(times), 0))
         try:
@@ -146,7 +143,7 @@ class DynamicPde:
         return self._still_warp(times), moving
 
     def _harmonic_count(self, point_count: int, closed: bool) -> int:
-        most = point_count // 2 if closed else point_count - 2
+        most = mode_count(point_count, closed)
         if self.harmonics is None:
             return most
         if self.harmonics > most:
@@ -165,48 +162,5 @@ class DynamicPde:
 
     def warnings(self, point_count: int, closed: bool) -> list[str]:
         """Modes of such a curve that run backwards or past their end, and zero-mode closures that leak."""
-        still, moving = self.mode_warps(point_count, closed, _SAMPLES)
-        found = []
-        for number, warp in enumerate([still, *moving.T]):
-            mode = f"harmonic {number}" if number else "the mode without bending"
-            if warp.min() < -_NOTICEABLE:
-                found.append(f"{self.title}: {mode} first runs backwards, to {warp.min():.3g} of its displacement")
-            elif warp.max() > 1 + _NOTICEABLE:
-                found.append(f"{self.title}: {mode} overshoots to {warp.max():.3g} of its displacement")
-            elif np.diff(warp).min() < -_NOTICEABLE:
-                found.append(f"{self.title}: {mode} runs backwards on its way")
-        leak = float(np.abs(still - moving[:, -1]).max()) if moving.shape[1] else 0.0
-        if leak > 0.01:
-            found.append(
-                f"{self.title}: points that do not move are displaced by up to {leak:.2f} of their curve's mean "
-                "displacement, because the mode without bending is timed differently from the stiff ones"
-            )
-        return found
-
-
-def _spread(displacement: Floats, closed: bool, still: Floats, moving: Floats) -> Floats:
-    """Sum of the modes of a displacement (M, 3), each times its factor: ``still`` (T,), ``moving`` (T, N)."""
-    return _spread_closed(displacement, still, moving) if closed else _spread_open(displacement, still, moving)
-
-
-def _spread_closed(displacement: Floats, still: Floats, moving: Floats) -> Floats:
-    modes = fft.rfft(displacement, axis=0)
-    kept = moving.shape[1]
-    spectrum = np.zeros((len(still), len(modes), 3), dtype=np.complex128)
-    spectrum[:, 0] = still[:, None] * modes[0]
-    spectrum[:, 1 : kept + 1] = moving[:, :, None] * modes[1 : kept + 1]
-    result: Floats = fft.irfft(spectrum, n=len(displacement), axis=1)
-    return result
-
-
-def _spread_open(displacement: Floats, still: Floats, moving: Floats) -> Floats:
-    place = np.linspace(0.0, 1.0, len(displacement))[:, None]
-    ramp = (1.0 - place) * displacement[0] + place * displacement[-1]
-    result: Floats = still[:, None, None] * ramp
-    kept = moving.shape[1]
-    if kept:
-        modes = fft.dst((displacement - ramp)[1:-1], type=1, axis=0, norm="ortho")
-        spectrum = np.zeros((len(still), *modes.shape))
-        spectrum[:, :kept] = moving[:, :, None] * modes[:kept]
-        result[:, 1:-1] += fft.idst(spectrum, type=1, axis=1, norm="ortho")
-    return result
+        still, moving = self.mode_warps(point_count, closed, SAMPLES)
+        return describe_warps(self.title, still, moving)

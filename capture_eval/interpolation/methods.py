@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
 from capture_eval.errors import InputError
+from capture_eval.interpolation.causal_pde import CausalPde
 from capture_eval.interpolation.dynamic_pde import DynamicPde
 from capture_eval.interpolation.linear import LinearInterpolation
 from capture_eval.interpolation.method import InterpolationMethod
@@ -23,6 +24,7 @@ METHODS: dict[str, Callable[..., InterpolationMethod]] = {
     "pde_quadratic": partial(DynamicPde, order=2),
     "pde_cubic": partial(DynamicPde, order=3),
     "pde": DynamicPde,
+    "pde_causal": CausalPde,
     "cosine": CosineInterpolation,
     "power": PowerInterpolation,
     "beta": BetaInterpolation,
