@@ -94,18 +94,31 @@ def _resample(curve: FloatArray, steps: int) -> FloatArray:
     return np.asarray(CubicSpline(length, curve)(np.linspace(0, length[-1], steps + 1)))
 
 
-# face row -> (midline y, z), (alar base x, y, z), columns from the midline to it: tip and wings of the nose
-_NOSE = {
-    13: ((-23.5, 107.5), (9.0, -24.0, 96.0), 2),
-    14: ((-27.5, 110.0), (13.0, -28.5, 92.0), 4),
-    15: ((-31.5, 112.5), (17.0, -32.0, 91.0), 5),
-    16: ((-35.5, 113.8), (19.3, -35.5, 91.0), 6),
-    17: ((-39.2, 112.5), (19.8, -39.0, 91.0), 6),
-    18: ((-43.2, 107.0), (19.0, -42.5, 90.5), 6),
-    19: ((-45.0, 102.0), (16.8, -45.5, 90.5), 6),
-    20: ((-46.5, 98.8), (14.0, -47.6, 91.0), 6),
-    21: ((-48.3, 96.3), (13.2, -49.6, 91.2), 6),
+# face row -> (midline y, z), (x, y, z) of the foot of the nose's side and the columns from the midline to it; where
+# that is short of column 6, the cheek's (x, y, z) there
+_NOSE: dict[int, tuple[tuple[float, float], tuple[float, float, float], int, tuple[float, float, float]]] = {
+    13: ((-23.5, 107.5), (8.5, -23.0, 94.0), 3, (19.0, -22.0, 82.0)),
+    14: ((-27.5, 110.0), (12.5, -28.0, 91.5), 4, (21.0, -26.5, 82.0)),
+    15: ((-31.5, 112.5), (16.5, -32.0, 90.5), 5, (22.0, -31.0, 82.0)),
+    16: ((-35.5, 113.8), (19.3, -35.5, 91.0), 6, (0.0, 0.0, 0.0)),
+    17: ((-39.2, 112.5), (19.8, -39.0, 91.0), 6, (0.0, 0.0, 0.0)),
+    18: ((-43.2, 107.0), (19.0, -42.5, 90.5), 6, (0.0, 0.0, 0.0)),
+    19: ((-45.0, 102.0), (16.8, -45.5, 90.5), 6, (0.0, 0.0, 0.0)),
+    20: ((-46.5, 98.8), (14.0, -47.6, 91.0), 6, (0.0, 0.0, 0.0)),
+    21: ((-48.3, 96.3), (13.2, -49.6, 91.2), 6, (0.0, 0.0, 0.0)),
 }
+_NOSE_COLUMNS = 6
+
+
+def _nose_row(row: int) -> FloatArray:
+    """Points (7, 3) near the skin from the midline over the side of the nose to its sixth column."""
+    (y, z), foot, count, cheek = _NOSE[row]
+    start, end = np.array([0.0, y, z]), np.array(foot)
+    control = np.array([0.78 * foot[0], 0.6 * y + 0.4 * foot[1], z - 2.0])
+    t = np.linspace(0.0, 1.0, count + 1)[:, None]
+    side = (1 - t) ** 2 * start + 2 * t * (1 - t) * control + t**2 * end
+    beyond = np.linspace(0.0, 1.0, _NOSE_COLUMNS - count + 1)[1:, None]
+    return np.concatenate([side, (1 - beyond) * end + beyond * np.array(cheek)])
 
 
 def _profile(topology: Topology) -> tuple[FloatArray, NDArray[np.int64]]:
@@ -114,14 +127,11 @@ def _profile(topology: Topology) -> tuple[FloatArray, NDArray[np.int64]]:
     middle = face.shape[1] // 2
     points = [np.array([0.0, 6.0 - 3.9 * (row - 6), 86 + 2.4 * (row - 6)]) for row in range(6, 13)]
     vertices = [int(face[row, middle]) for row in range(6, 13)]
-    for row, ((y, z), wing, count) in _NOSE.items():
-        start, end = np.array([0.0, y, z]), np.array(wing)
-        control = np.array([0.78 * wing[0], 0.6 * y + 0.4 * wing[1], z - 2.0])
-        for column in range(-count, count + 1):
-            t = abs(column) / count
-            point = (1 - t) ** 2 * start + 2 * t * (1 - t) * control + t**2 * end
-            points.append(point * [np.sign(column), 1.0, 1.0])
-            vertices.append(int(face[row, middle + column]))
+    for row in _NOSE:
+        for column, point in enumerate(_nose_row(row)):
+            for side in (1, -1) if column else (1,):
+                points.append(point * [side, 1.0, 1.0])
+                vertices.append(int(face[row, middle + side * column]))
     points.append(np.array([0.0, -51.5, 95.0]))
     vertices.append(int(face[22, middle]))
     return project_to_skin(np.array(points), steps=6), np.array(vertices)

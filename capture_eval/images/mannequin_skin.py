@@ -223,7 +223,7 @@ def _paint_hair(color: SingleArray, points: SingleArray, masks: SingleArray, con
 def _eyebrow(x: SingleArray, y: SingleArray, z: SingleArray) -> SingleArray:
     centre = np.interp(x, [9, 20, 34, 44, 53], [17.0, 19.5, 22.5, 21.5, 17.0])
     half = np.interp(x, [8, 11, 20, 40, 53, 56], [0.1, 3.6, 4.4, 3.2, 1.4, 0.1])
-    mask = np.clip(1 - ((y - centre) / half) ** 2, 0, 1)
+    mask = np.clip(1 - ((y - centre) / half) ** 2, 0, 1) * np.clip((x - 8) / 5, 0.0, 1.0)
     return np.asarray(mask * (x > 8) * (x < 56) * (z > 40), dtype=np.float32)
 
 
