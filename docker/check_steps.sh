@@ -32,12 +32,8 @@ for place in proc dev; do
 done
 cp /etc/resolv.conf "$root/etc/resolv.conf"
 [ ! -f /etc/hosts ] || cp /etc/hosts "$root/etc/hosts"
-for settings in /etc/apt/sources.list /etc/apt/sources.list.d /etc/apt/apt.conf.d /etc/pip.conf; do
-    if [ -e "$settings" ]; then
-        mkdir -p "$root$(dirname "$settings")"
-        rm -rf "${root:?}$settings"
-        cp -a "$settings" "$root$settings"
-    fi
+for settings in /etc/apt/apt.conf.d/*proxy* /etc/pip.conf; do
+    [ ! -f "$settings" ] || cp "$settings" "$root$settings"
 done
 
 if [ -f /etc/ssl/certs/ca-certificates.crt ]; then

@@ -6,7 +6,6 @@ The modules of the verbs import nothing heavy, so that ``--help`` answers at onc
 from __future__ import annotations
 
 import importlib
-import importlib.util
 import os
 import sys
 from typing import Annotated, NoReturn
@@ -26,7 +25,6 @@ VERBS = (
     ("doctor", "doctor", "doctor"),
     ("data", "data", "application"),
     ("curves", "curves", "application"),
-    ("dense", "dense", "dense"),
     ("stage", "stage", "stage"),
 )
 HIDDEN = {"stage"}
@@ -50,8 +48,6 @@ def build_application() -> typer.Typer:
     )
     application.callback()(_common)
     for verb, module_name, attribute in VERBS:
-        if importlib.util.find_spec(f"capture_eval.command_line.{module_name}") is None:
-            continue  # TEMPORARY
         target = getattr(importlib.import_module(f"capture_eval.command_line.{module_name}"), attribute)
         if isinstance(target, typer.Typer):
             application.add_typer(target, name=verb)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
 import platform
 import shutil
@@ -10,7 +9,7 @@ from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
-from capture_eval.system_packages import SYSTEM_LIBRARIES
+from capture_eval.system_packages import SYSTEM_LIBRARIES, missing_libraries
 
 PACKAGES = (
     "numpy", "scipy", "numba", "pycolmap", "pycolmap-cuda12", "open3d", "pymeshlab", "opencv-python-headless",
@@ -42,7 +41,7 @@ def diagnose(folder: Path) -> list[Diagnosis]:
     return [
         *_system(),
         *(_package(name) for name in PACKAGES),
-        *(_library(name, package) for name, package in SYSTEM_LIBRARIES.items()),
+        *_libraries(),
         *(_import(name) for name in IMPORTS),
         _dense(),
         *_resources(folder),
@@ -67,12 +66,14 @@ def _package(name: str) -> Diagnosis:
         return Diagnosis(f"package {name}", "not installed", optional, "" if optional else f"pip install {name}")
 
 
-def _library(name: str, package: str) -> Diagnosis:
-    try:
-        ctypes.CDLL(name)
-    except OSError:
-        return Diagnosis(f"library {name}", "missing", False, f"apt-get install {package}")
-    return Diagnosis(f"library {name}", "there")
+def _libraries() -> list[Diagnosis]:
+    missing = missing_libraries()
+    rows = []
+    for name, package in SYSTEM_LIBRARIES.items():
+        good = name not in missing
+        advice = "" if good else f"apt-get install {package}"
+        rows.append(Diagnosis(f"library {name}", "there" if good else "missing", good, advice))
+    return rows
 
 
 def _import(name: str) -> Diagnosis:
