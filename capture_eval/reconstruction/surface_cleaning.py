@@ -29,8 +29,8 @@ class SurfaceOptions:
         Depth of Poisson's octree; 0 chooses the cell closest to `cells_per_spacing` times the point spacing.
     cells_per_spacing : float
     lone_neighbours, lone_ratio : int, float
-        A point is dropped when its mean distance to so many neighbours exceeds the average by so many standard
-        deviations.
+        A point is dropped when its mean distance to so many neighbours exceeds the median of all points so many
+        times. Thinly covered places, twice or three times as wide as the rest, stay.
     trim : float
         Vertices farther than this from the cloud are cut.
     largest_hole : float
@@ -44,7 +44,7 @@ class SurfaceOptions:
     depth: int = 0
     cells_per_spacing: float = 3.2
     lone_neighbours: int = 16
-    lone_ratio: float = 2.0
+    lone_ratio: float = 3.0
     trim: float = 0.009
     largest_hole: float = 0.04
     smallest_part: float = 1.0
@@ -83,12 +83,12 @@ def octree_depth(size: float, spacing: float, cells_per_spacing: float) -> int:
 
 
 def without_lone_points(points: Floats, neighbours: int, ratio: float) -> NDArray[np.bool_]:
-    """Which points (N,) are not farther from their neighbours than is usual (Rusu et al. 2008)."""
+    """Which points (N,) are not `ratio` times farther from their neighbours than is usual (after Rusu et al. 2008)."""
     if len(points) <= neighbours:
         return np.ones(len(points), np.bool_)
     distances, _ = cKDTree(points).query(points, k=neighbours + 1)
     mean = np.asarray(distances)[:, 1:].mean(axis=1)
-    return np.asarray(mean <= mean.mean() + ratio * mean.std())
+    return np.asarray(mean <= ratio * np.median(mean))
 
 
 def poisson_surface(points: Floats, normals: Floats, depth: int, threads: int) -> tuple[Floats, Integers]:
