@@ -1,6 +1,7 @@
 """What every interpolation method must do, and what those that claim it must do besides."""
 
 import re
+from importlib import metadata
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from capture_eval.errors import InputError
 from capture_eval.interpolation.dynamic_pde import DynamicPde
 from capture_eval.interpolation.method import InterpolationMethod
-from capture_eval.interpolation.methods import METHODS, PAPER_METHODS, create_method
+from capture_eval.interpolation.methods import METHODS, PAPER_METHODS, create_method, known_methods
 
 TABLE = {
     **{name: create_method(name) for name in METHODS},
@@ -220,3 +221,31 @@ def test_causal_curves_keep_resting_points_with_a_foundation_and_warn_without() 
         create_method("pde_causal", {"rigidity": 0.0, "foundation": 0.0})
     with pytest.raises(InputError, match="real number from 1 to 20"):
         create_method("pde_causal", {"order": 0.5})
+
+
+def test_methods_of_other_packages_come_by_entry_point(monkeypatch: pytest.MonkeyPatch) -> None:
+    def entry(name: str, value: str) -> metadata.EntryPoint:
+        return metadata.EntryPoint(name, value, "capture_eval.methods")
+
+    offered = metadata.EntryPoints(
+        [
+            entry("theirs", "capture_eval.interpolation.time_warps:BetaInterpolation"),
+            entry("linear", "no.such:thing"),
+            entry("broken", "no.such:thing"),
+            entry("odd", "fractions:Fraction"),
+            entry("module", "fractions:_hashlib_does_not_exist"),
+            entry("builtin", "builtins:dict"),
+        ]
+    )
+    monkeypatch.setattr(metadata, "entry_points", lambda **chosen: offered.select(**chosen))
+    assert known_methods() == [*METHODS, "broken", "builtin", "module", "odd", "theirs"]
+    assert create_method("theirs", {"rise": 3.0}).title == "Beta(3, 2)"
+    assert create_method("linear") == METHODS["linear"]()
+    with pytest.raises(InputError, match=r"method 'broken' \(no.such:thing\) cannot be loaded: No module named 'no'"):
+        create_method("broken")
+    with pytest.raises(InputError, match="method 'odd': Fraction does not keep the contract"):
+        create_method("odd")
+    with pytest.raises(InputError, match=r"method 'module' .* cannot be loaded: module 'fractions' has no attribute"):
+        create_method("module")
+    with pytest.raises(InputError, match="method 'builtin' is not made by a factory with named options"):
+        create_method("builtin")

@@ -1,10 +1,16 @@
-"""The table of methods: identifier → factory. Nothing is registered by scanning."""
+"""The table of methods: identifier → factory.
+
+Other packages add theirs through the entry-point group ``capture_eval.methods``, whose entries are factories of
+`InterpolationMethod` objects. They are looked up by name when one is asked for and never replace a method of the
+table.
+"""
 
 from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from importlib import metadata
 
 from capture_eval.errors import InputError
 from capture_eval.interpolation.causal_pde import CausalPde
@@ -30,7 +36,34 @@ METHODS: dict[str, Callable[..., InterpolationMethod]] = {
     "beta": BetaInterpolation,
     "monotone": MonotoneInterpolation,
 }
+ENTRY_POINT_GROUP = "capture_eval.methods"
 PAPER_METHODS = ("linear", "pde_linear", "pde_quadratic", "pde_cubic")
+
+
+def known_methods() -> list[str]:
+    """Identifiers of the table and of installed packages that offer further methods."""
+    found = {entry.name for entry in metadata.entry_points(group=ENTRY_POINT_GROUP)}
+    return [*METHODS, *sorted(found - set(METHODS))]
+
+
+def _factory(identifier: str) -> Callable[..., InterpolationMethod]:
+    if identifier in METHODS:
+        return METHODS[identifier]
+    for entry in metadata.entry_points(group=ENTRY_POINT_GROUP, name=identifier):
+        try:
+            factory: Callable[..., InterpolationMethod] = entry.load()
+        except Exception as problem:  # whatever another package's import may raise
+            raise InputError(f"method '{identifier}' ({entry.value}) cannot be loaded: {problem}") from problem
+        return factory
+    raise InputError(f"unknown interpolation method '{identifier}'; known are {', '.join(known_methods())}")
+
+
+def _option_names(identifier: str, factory: Callable[..., InterpolationMethod]) -> list[str]:
+    fixed = set(factory.keywords) if isinstance(factory, partial) else set()
+    try:
+        return [name for name in inspect.signature(factory).parameters if name not in fixed]
+    except (TypeError, ValueError) as problem:
+        raise InputError(f"method '{identifier}' is not made by a factory with named options") from problem
 
 
 def create_method(identifier: str, options: Mapping[str, object] | None = None) -> InterpolationMethod:
@@ -39,7 +72,7 @@ def create_method(identifier: str, options: Mapping[str, object] | None = None) 
     Parameters
     ----------
     identifier : str
-        A key of `METHODS`.
+        A key of `METHODS`, or the name of an entry point of the group ``capture_eval.methods``.
     options : mapping, optional
         Parameters of the method (for example ``{"damping": 10}``).
 
@@ -53,22 +86,22 @@ def create_method(identifier: str, options: Mapping[str, object] | None = None) 
     >>> create_method("pde_quadratic", {"closure": "linear"}).title
     'PDE quadratic'
     """
-    if identifier not in METHODS:
-        raise InputError(f"unknown interpolation method '{identifier}'; known are {', '.join(METHODS)}")
-    factory = METHODS[identifier]
+    factory = _factory(identifier)
     chosen = dict(options or {})
-    fixed = set(factory.keywords) if isinstance(factory, partial) else set()
-    known = [name for name in inspect.signature(factory).parameters if name not in fixed]
+    known = _option_names(identifier, factory)
     for name in chosen:
         if name not in known:
             allowed = f"known are {', '.join(known)}" if known else "it has none"
             raise InputError(f"method '{identifier}': unknown option '{name}'; {allowed}")
     try:
-        return factory(**chosen)
+        method = factory(**chosen)
     except TypeError as problem:
         raise InputError(f"method '{identifier}': options {chosen} have a wrong type ({problem})") from problem
     except InputError as problem:
         raise InputError(f"method '{identifier}': {problem}") from problem
+    if not isinstance(method, InterpolationMethod):
+        raise InputError(f"method '{identifier}': {type(method).__name__} does not keep the contract of a method")
+    return method
 
 
 def create_methods(entries: Sequence[tuple[str, Mapping[str, object]]]) -> dict[str, InterpolationMethod]:
