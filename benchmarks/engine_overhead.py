@@ -2,8 +2,8 @@
 
     python benchmarks/engine_overhead.py capture/manifest.yaml --out build/engine
 
-Runs into a new folder with one core, so that stages never overlap and their times add up. Wall time is what a user waits
-for; CPU time does not depend on what else the machine does. Prints a Markdown table.
+Runs into a new folder with one core, so that stages never overlap and their times add up. Wall time is what a user
+waits for; CPU time does not depend on what else the machine does. Prints a Markdown table.
 """
 
 from __future__ import annotations

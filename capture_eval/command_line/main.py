@@ -25,6 +25,7 @@ VERBS = (
     ("doctor", "doctor", "doctor"),
     ("data", "data", "application"),
     ("curves", "curves", "application"),
+    ("dense", "dense", "dense"),
     ("stage", "stage", "stage"),
 )
 HIDDEN = {"stage"}
