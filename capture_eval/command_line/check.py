@@ -14,7 +14,10 @@ def check(
     update: Annotated[bool, typer.Option("--update", help="Write the result as the new baseline.")] = False,
     everything: Annotated[bool, typer.Option("--all", help="Show what is good too.")] = False,
 ) -> None:
-    """The nightly gate: exit code 1 and a table of what got worse than a baseline, went missing or is another input.
+    """The nightly gate: fail when a result got worse.
+
+    Exit code 1 and a table when a metric is worse than the baseline by more than its tolerance, when a pose, photo or
+    curve went missing, or when an input is another file.
 
     Example: capture-eval check result --baseline reports/baselines/mannequin.json
     """

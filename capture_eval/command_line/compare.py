@@ -15,12 +15,15 @@ def compare(
         bool, typer.Option("--allow-outside", help="Let the manifest name files outside its folder.")
     ] = False,
 ) -> None:
-    """The evaluation alone, from meshes that are already registered: seconds, no reconstruction.
+    """Evaluate meshes that are registered already.
+
+    The evaluation and the report alone, without photos and without reconstruction.
 
     Example: capture-eval compare my_meshes.yaml --out result
     """
     import sys
 
+    from capture_eval.command_line.progress_bar import stage_messages
     from capture_eval.errors import InputError
     from capture_eval.files.manifest_files import read_manifest
     from capture_eval.stages.validate import validate_capture
@@ -39,6 +42,6 @@ def compare(
     fatal = sum(problem.fatal for problem in problems)
     if fatal:
         raise InputError(f"{manifest}: {fatal} of the problems above must be solved first")
-    print("evaluating and drawing the report", file=sys.stderr)
-    compare_meshes(capture, out)
+    with stage_messages():
+        compare_meshes(capture, out)
     print(f"report: {out.resolve() / 'report' / 'report.html'}")

@@ -13,7 +13,9 @@ def doctor(
         Path, typer.Option("--out", help="Folder where results would go (its free space is shown).")
     ] = Path(),
 ) -> None:
-    """Say what this machine can do and which packages are missing; exit code 1 if something stops work.
+    """Say what this machine can do and what it lacks.
+
+    The exit code is 1 if something stops work.
 
     Example: capture-eval doctor
     """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -36,3 +37,16 @@ def counting_progress(what: str) -> Iterator[Callable[[int, int], None]]:
             last[0] = time.monotonic()
 
     yield say
+
+
+@contextmanager
+def stage_messages() -> Iterator[None]:
+    """Show what stages log while they work, one line each, on standard error."""
+    logger = logging.getLogger("capture_eval")
+    handler = logging.StreamHandler(sys.stderr)
+    logger.addHandler(handler)
+    logger.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from capture_eval.files.manifest_files import Capture
     from capture_eval.workflow.runner import RunOptions
 
+INTERRUPTED = 130
 RESULT_OF_POSE = {"sparse": "sparse", "dense": "fused.ply", "surface": "scan.ply"}
 
 
@@ -86,7 +87,11 @@ def _run(capture: Capture, out: Path, options: RunOptions) -> None:
         print("no `curves` in the manifest: the run ends with the registered meshes (register)", file=sys.stderr)
     started = time.monotonic()
     _refuse_bad_input(capture, out)
-    plan = run_plan(capture, out, options)
+    try:
+        plan = run_plan(capture, out, options)
+    except KeyboardInterrupt:
+        print("interrupted; the same command goes on from here", file=sys.stderr)
+        raise typer.Exit(INTERRUPTED) from None
     took = duration(time.monotonic() - started)
     if plan.until == "report":
         print(f"report: {out / 'report' / 'report.html'} ({took})")

@@ -14,7 +14,9 @@ def validate(
         bool, typer.Option("--allow-outside", help="Let the manifest name files outside its folder.")
     ] = False,
 ) -> None:
-    """Check manifest and photos before hours are spent: one line per problem, exit code 1 if there is any.
+    """Check manifest and photos before hours are spent.
+
+    One line per problem; the exit code is 1 if there is any.
 
     Example: capture-eval validate capture/manifest.yaml
     """

@@ -10,6 +10,7 @@ from __future__ import annotations
 import fcntl
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from capture_eval.files.manifest_files import Capture
 
 POLL_SECONDS = 0.25
+DISK_FULL_BYTES = 20_000_000
 MEMORY_MB = {"scan": 2500, "track": 3000, "refine": 2500, "final": 2500}  # peaks measured at 640x480, rounded up
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -253,6 +255,8 @@ def _judge(plan: Plan, code: int, engine_log: Path) -> None:
 
 def _killed(plan: Plan, step: Step) -> Failure:
     text = "its process was killed (out of memory? see `dmesg`) or crashed"
+    if shutil.disk_usage(plan.out).free < DISK_FULL_BYTES:
+        text = f"the disk of {plan.out} is full"
     return Failure(step.title, text, str(log_path(plan.out, step)), False)
 
 
