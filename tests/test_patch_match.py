@@ -2,12 +2,10 @@
 
 import numpy as np
 import pytest
+import textured_ball as ball
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-pytest.importorskip("pycolmap")
-
-import textured_ball as ball
 from capture_eval.errors import InputError
 from capture_eval.reconstruction.depth_filtering import DepthMap, FilterOptions, make_consistent, points_of_depth
 from capture_eval.reconstruction.foreground_mask import textured_region
@@ -151,7 +149,7 @@ def test_maps_take_a_pixel_to_where_the_source_sees_its_point(pyramids) -> None:
     depth = 390.0
     pixel = np.array([50.0, 70.0, 1.0])
     matrix = reference.view.matrix
-    local = np.linalg.inv(matrix) @ (pixel + [0.5, 0.5, 0.0]) * depth
+    local = np.linalg.inv(matrix) @ (pixel + np.array([0.5, 0.5, 0.0])) * depth
     world = reference.view.rotation.T @ (local - reference.view.translation)
     seen = source.view.matrix @ (source.view.rotation @ world + source.view.translation)
     mapped = maps[:9].reshape(3, 3) @ pixel + maps[9:] / depth

@@ -89,34 +89,41 @@ class ConsistentDepth:
 
 def make_consistent(reference: DepthMap, others: Sequence[DepthMap], options: FilterOptions) -> ConsistentDepth:
     """Keep and average what `others` confirm in `reference`."""
-    from capture_eval.reconstruction.depth_filtering_kernels import support_rows
+    from capture_eval.reconstruction.depth_filtering_kernels import OtherMap, Sums, support_rows
 
     shape = reference.depth.shape
-    count = np.zeros(shape, np.int32)
-    conflicts = np.zeros(shape, np.int32)
-    total = reference.weight.astype(np.float64)
-    moved = total * reference.depth
-    normals = total[..., None] * reference.normal
-    tolerances = np.array(
-        [options.relative_tolerance, 1.0, np.cos(np.radians(options.normal_tolerance))], dtype=np.float64
+    worth = reference.weight.astype(np.float64)
+    sums = Sums(
+        agree=np.zeros(shape, np.int32),
+        through=np.zeros(shape, np.int32),
+        weight=worth,
+        depth=worth * reference.depth,
+        normal=worth[..., None] * reference.normal,
     )
+    inverse = np.linalg.inv(reference.matrix)
+    least_cosine = float(np.cos(np.radians(options.normal_tolerance)))
     for other in others:
-        rotation = other.rotation @ reference.rotation.T
+        rotation = np.ascontiguousarray(other.rotation @ reference.rotation.T)
         translation = other.translation - rotation @ reference.translation
+        asked = OtherMap(other.depth, other.normal, other.weight, other.matrix, rotation, translation)
         support_rows(
-            np.array([0, shape[0]]), reference.depth, reference.normal,
-            np.linalg.inv(reference.matrix), other.matrix, other.depth, other.normal, other.weight, rotation,
-            translation, tolerances, count, conflicts, total, moved, normals,
-        )  # fmt: skip
+            np.array([0, shape[0]]),
+            reference.depth,
+            reference.normal,
+            inverse,
+            asked,
+            options.relative_tolerance,
+            least_cosine,
+            sums,
+        )
     needed = min(options.least_supporters, len(others))
-    kept = (reference.depth > 0) & (count >= needed) & (conflicts <= count) & (total > 0)
-    safe = np.where(kept, total, 1.0)
-    length = np.maximum(np.linalg.norm(normals, axis=2), 1e-300)
+    kept = (reference.depth > 0) & (sums.agree >= needed) & (sums.through <= sums.agree) & (sums.weight > 0)
+    length = np.maximum(np.linalg.norm(sums.normal, axis=2), 1e-300)
     return ConsistentDepth(
-        depth=np.where(kept, moved / safe, 0.0).astype(np.float32),
-        normal=np.where(kept[..., None], normals / length[..., None], 0.0).astype(np.float32),
-        supporters=np.where(kept, np.minimum(count, 255), 0).astype(np.uint8),
-        weight=np.where(kept, total, 0.0).astype(np.float32),
+        depth=np.where(kept, sums.depth / np.where(kept, sums.weight, 1.0), 0.0).astype(np.float32),
+        normal=np.where(kept[..., None], sums.normal / length[..., None], 0.0).astype(np.float32),
+        supporters=np.where(kept, np.minimum(sums.agree, 255), 0).astype(np.uint8),
+        weight=np.where(kept, sums.weight, 0.0).astype(np.float32),
     )
 
 
