@@ -115,6 +115,8 @@ def _implied(capture: Capture, stage: str) -> dict[str, Any]:
             "intrinsics": None if camera.intrinsics is None else _intrinsics(camera.intrinsics),
             "known_cameras": None if camera.known_views is None else capture.resolve(camera.known_views),
         }
+    if stage == "align":
+        return {"shared_frame": manifest.camera.known_views is not None}
     if stage == "dense":
         return {"backend": manifest.dense.back_end, "max_image_size": manifest.dense.max_image_size}
     return {}
