@@ -191,7 +191,7 @@ def test_empty_picture_is_backdrop() -> None:
     lit = evenly_lit(vertices, triangles, np.ones_like(vertices), backdrop=96)
     rotation, translation = look_at([0.0, 0.0, 600.0], [0.0, 0.0, 900.0])
     view = View("away", intrinsics_for(160, 120), rotation, translation)
-    assert sample_pixels(lit.scene, view).width == 0
+    assert len(sample_pixels(lit.scene, view).rows) == 0
     assert np.all(photograph(lit, view) == linear_from_srgb(96 / 255.0))
 
 

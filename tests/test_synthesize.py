@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -175,11 +174,11 @@ def test_missing_makehuman_files_are_one_line(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def assets() -> Iterator[MakeHumanAssets]:
+def assets() -> MakeHumanAssets:
     folder = SHARED / "makehuman_upstream"
     if not folder.is_dir():
         pytest.skip("the MakeHuman upstream files are not beside the checkout")
-    yield parse_assets(read_makehuman_texts(folder, REQUIRED_FILES))
+    return parse_assets(read_makehuman_texts(folder, REQUIRED_FILES))
 
 
 @pytest.fixture(scope="module")

@@ -24,24 +24,22 @@ GRAZING_COSINE = 0.25
 
 @dataclass(frozen=True)
 class PixelSamples:
-    """Which triangle every sample of every pixel of a picture window sees.
+    """Which triangle every sample sees, for the pixels that see anything but the backdrop.
 
     Attributes
     ----------
-    left, top, width, height
-        Window of the picture outside of which nothing is seen.
+    columns, rows
+        (N,) pixels.
     triangles
-        (height * width, samples) triangle, -1 where the backdrop is seen; rows run along the picture.
+        (N, samples) triangle, -1 where the backdrop is seen.
     directions
-        (height * width, samples, 3) world ray directions, not normalised (depth 1 along the optical axis).
+        (N, samples, 3) world ray directions, not normalised (depth 1 along the optical axis).
     center
         (3,) camera centre.
     """
 
-    left: int
-    top: int
-    width: int
-    height: int
+    columns: IntArray
+    rows: IntArray
     triangles: NDArray[np.int32]
     directions: FloatArray
     center: FloatArray
@@ -114,22 +112,23 @@ def sample_pixels(scene: TriangleScene, view: View, samples_per_side: int = SAMP
         3 means 9 samples in a pixel.
     """
     left, top, width, height = _window(scene.vertices, view)
-    columns, rows = np.meshgrid(left + np.arange(width) + 0.5, top + np.arange(height) + 0.5)
-    pixels = np.stack([columns.ravel(), rows.ravel()], axis=1)
-    central, along_u, along_v = _direction_planes(view, pixels)
+    columns, rows = (grid.ravel() for grid in np.meshgrid(left + np.arange(width), top + np.arange(height)))
+    central, along_u, along_v = _direction_planes(view, np.stack([columns + 0.5, rows + 0.5], axis=1))
     center = view.center
     seen = scene.first_triangles(center, central)
+    mixed = _mixed_pixels(scene, center, central, seen, (height, width), float(view.intrinsics.matrix[0, 0]))
+    used = np.flatnonzero((seen >= 0) | mixed)
     offsets = (np.arange(samples_per_side) + 0.5) / samples_per_side - 0.5
     shift_u, shift_v = (grid.ravel() for grid in np.meshgrid(offsets, offsets))
     directions = (
-        central[:, None, :]
-        + shift_u[None, :, None] * along_u[:, None, :]
-        + shift_v[None, :, None] * along_v[:, None, :]
+        central[used, None, :]
+        + shift_u[None, :, None] * along_u[used, None, :]
+        + shift_v[None, :, None] * along_v[used, None, :]
     )
-    triangles = np.repeat(seen[:, None], samples_per_side**2, axis=1)
-    mixed = _mixed_pixels(scene, center, central, seen, (height, width), float(view.intrinsics.matrix[0, 0]))
-    triangles[mixed] = scene.first_triangles(center, directions[mixed])
-    return PixelSamples(left, top, width, height, triangles, directions, center)
+    triangles = np.repeat(seen[used, None], samples_per_side**2, axis=1)
+    again = mixed[used]
+    triangles[again] = scene.first_triangles(center, directions[again])
+    return PixelSamples(columns[used], rows[used], triangles, directions, center)
 
 
 def _window(vertices: FloatArray, view: View) -> tuple[int, int, int, int]:
@@ -153,6 +152,11 @@ def _direction_planes(view: View, pixels: FloatArray) -> tuple[FloatArray, Float
         return np.asarray(rays / (rays @ axis)[:, None], dtype=np.float64)
 
     central = directions((0.0, 0.0))
+    if not np.any(view.intrinsics.distortion):
+        matrix = view.intrinsics.matrix
+        sideways = view.rotation[0] / matrix[0, 0]
+        downwards = view.rotation[1] / matrix[1, 1] - matrix[0, 1] / matrix[1, 1] * sideways
+        return central, np.broadcast_to(sideways, central.shape), np.broadcast_to(downwards, central.shape)
     along_u = directions((0.5, 0.0)) - directions((-0.5, 0.0))
     along_v = directions((0.0, 0.5)) - directions((0.0, -0.5))
     return central, along_u, along_v
@@ -197,8 +201,7 @@ def _mixed_pixels(
 ) -> NDArray[np.bool_]:
     """Pixels whose surroundings are no smooth stretch of surface: (pixels,) bool."""
     depth, cosine = plane_depths(scene, center, directions, seen)
-    empty = seen < 0
-    mixed = ~empty & ~(cosine > GRAZING_COSINE)
+    mixed = (seen >= 0) & ~(cosine > GRAZING_COSINE)
     seen_grid, depth_grid = seen.reshape(shape), depth.reshape(shape)
     rays = directions.reshape(*shape, 3)
     mixed_grid = mixed.reshape(shape).copy()

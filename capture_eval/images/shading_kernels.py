@@ -139,25 +139,34 @@ def _sample_light(
     spacing: float,
     work: Array,
 ) -> None:
-    """Light (3,) that one ray brings, left in work[0]; the other rows of `work` (3, 3) are scratch."""
+    """Light (3,) that one ray brings, left in work[0]; work[1] and work[2] are scratch.
+
+    work[3] keeps triangle, mip level and highlight between the samples of a pixel: on one triangle they hardly change.
+    """
     depth, wb, wc, square, slope = _meet(surface, triangle, center, direction)
-    light, weights, point = work[0], work[1], work[2]
+    light, weights, point, kept = work[0], work[1], work[2], work[3]
     light[:] = 0.0
     if square == 0.0:
         return
     weights[0], weights[1], weights[2] = 1.0 - wb - wc, wb, wc
-    for axis in range(3):
-        point[axis] = center[axis] + depth * direction[axis]
     corners = surface.triangles[triangle]
     texture = surface.triangle_texture[triangle]
+    if kept[0] != triangle:
+        kept[0] = triangle
+        for axis in range(3):
+            point[axis] = center[axis] + depth * direction[axis]
+        kept[2] = _highlight(surface, lamps, triangle, weights, point, direction)
+        if texture >= 0:
+            far = np.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
+            cosine = abs(slope) / (np.sqrt(square) * far)
+            kept[1] = _mip_level(
+                textures.table, texture, surface.triangle_uv[triangle], square, depth * spacing, cosine
+            )
     if texture >= 0:
         uv = surface.triangle_uv[triangle]
-        far = np.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
-        cosine = abs(slope) / (np.sqrt(square) * far)
-        level = _mip_level(textures.table, texture, uv, square, depth * spacing, cosine)
         u = weights[0] * uv[0, 0] + wb * uv[1, 0] + wc * uv[2, 0]
         v = weights[0] * uv[0, 1] + wb * uv[1, 1] + wc * uv[2, 1]
-        _texture_value(textures, texture, level, u, v, light)
+        _texture_value(textures, texture, int(kept[1]), u, v, light)
     else:
         for k in range(3):
             for channel in range(3):
@@ -166,9 +175,8 @@ def _sample_light(
     for k in range(3):
         received += weights[k] * surface.irradiance[corners[k]]
     received = max(received, 0.0)
-    shine = _highlight(surface, lamps, triangle, weights, point, direction)
     for channel in range(3):
-        light[channel] = light[channel] * received + shine
+        light[channel] = light[channel] * received + kept[2]
 
 
 @njit(cache=True, nogil=True)
@@ -197,10 +205,11 @@ def shade_pixels(
         (3,) linear light.
     """
     pixels, samples = hit.shape
-    work = np.zeros((3, 3))
+    work = np.zeros((4, 3))
     total = np.zeros(3)
     for pixel in range(pixels):
         total[:] = 0.0
+        work[3, 0] = -1.0
         for sample in range(samples):
             if hit[pixel, sample] < 0:
                 total += backdrop

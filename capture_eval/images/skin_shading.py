@@ -313,9 +313,7 @@ def photograph(lit: LitHead, view: View, samples_per_side: int = SAMPLES_PER_SID
     picture = np.empty((view.intrinsics.height, view.intrinsics.width, 3))
     picture[:] = backdrop
     seen = sample_pixels(lit.scene, view, samples_per_side)
-    if not seen.width or not seen.height:
-        return picture
-    window = np.zeros((seen.width * seen.height, 3))
+    light = np.zeros((len(seen.rows), 3))
     boxes = lit.lighting.boxes
     model = lit.model
     shade_pixels(
@@ -341,8 +339,7 @@ def photograph(lit: LitHead, view: View, samples_per_side: int = SAMPLES_PER_SID
         seen.center,
         1.0 / (float(view.intrinsics.matrix[0, 0]) * samples_per_side),
         backdrop,
-        window,
+        light,
     )
-    rows, columns = slice(seen.top, seen.top + seen.height), slice(seen.left, seen.left + seen.width)
-    picture[rows, columns] = window.reshape(seen.height, seen.width, 3)
+    picture[seen.rows, seen.columns] = light
     return picture
