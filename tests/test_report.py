@@ -17,7 +17,7 @@ from capture_eval.files.atomic import write_json, write_npz
 from capture_eval.files.curve_files import write_curves
 from capture_eval.files.mesh_files import write_mesh
 from capture_eval.polygon_mesh import PolygonMesh
-from capture_eval.report import face_figures, figure_style, interactive, page_tables, trajectory_figures
+from capture_eval.report import face_figures, figure_style, head_axes, interactive, page_tables, trajectory_figures
 from capture_eval.report.saved_results import CurvePositions, FaceSequence
 from capture_eval.report.verdict import MethodScore, NoiseFloor, judge, percent
 from capture_eval.stages import report_inputs, report_photos
@@ -38,6 +38,7 @@ FIGURES = (
     "linear_heat_maps",
     "tracking_confidence",
     "contact_sheet",
+    "tracking_error",
     "reconstruction_quality",
     "truth_comparison",
 )
@@ -245,7 +246,9 @@ def test_failed_pose_is_a_row_with_its_reason(report: Path, page: Collector) -> 
 
 def test_verdict_comes_first_and_names_the_limits(page: Collector) -> None:
     shown = " ".join("".join(page.text).split())
-    headings = [shown.index(word) for word in ("LAE (largest average", "allows no claim about people", "Errors per curve.")]
+    headings = [
+        shown.index(word) for word in ("LAE (largest average", "allows no claim about people", "Errors per curve.")
+    ]
     assert headings == sorted(headings)
     assert "Noise floor" in shown
 
@@ -440,6 +443,8 @@ def test_decimated_face_keeps_original_vertices() -> None:
         np.ones(vertices.shape[:2]),
         np.ones(2, dtype=bool),
         np.ones(len(mesh.vertices), dtype=bool),
+        np.zeros((0, 2), dtype=np.int64),
+        np.ones(vertices.shape[:2], dtype=bool),
     )
     small = interactive.decimate(faces, 60)
     assert small.vertices.shape[1] <= 60
@@ -465,3 +470,36 @@ def test_stage_times_are_summed_over_poses_in_the_order_of_the_pipeline() -> Non
     assert [line[0] for line in table.rows] == ["sparse", "evaluate", "all"]
     assert table.rows[0] == ("sparse", "2", "5.0", "3.0", "300")
     assert table.rows[-1] == ("all", "", "7.0", "4.5", "300")
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_head_axes_are_found_from_a_turned_head(seed: int) -> None:
+    """Curves of a face in its own frame (x left, y up, z front), turned at random by up to 40 degrees."""
+    from scipy.spatial.transform import Rotation
+
+    random = np.random.default_rng(seed)
+    axis = random.standard_normal(3)
+    turn = Rotation.from_rotvec(np.deg2rad(40.0) * random.random() * axis / np.linalg.norm(axis)).as_matrix()
+    points = np.array(
+        [[3.0, 4.0, 0.0], [4.0, 4.0, 0.0], [-3.0, 4.0, 0.0], [-4.0, 4.0, 0.0], [-1.0, 0.0, 1.0], [1.0, 0.0, 1.0]]
+    )
+    curves = curve_positions(("eye_L", "eye_R", "lip_1"), np.stack([points @ turn.T] * 2))
+    given_up, given_front = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    up, front = head_axes.find_head_axes(curves, given_up, given_front)
+    left = turn @ [1.0, 0.0, 0.0]
+    assert np.allclose(np.cross(up, front), left, atol=1e-12)
+    assert np.isclose(np.linalg.norm(up), 1.0)
+    assert abs(up @ front) < 1e-12
+
+
+def test_head_axes_of_another_convention_and_of_nameless_curves() -> None:
+    points = np.array(
+        [[3.0, 0.0, 4.0], [4.0, 0.0, 4.0], [-3.0, 0.0, 4.0], [-4.0, 0.0, 4.0], [-1.0, -1.0, 0.0], [1.0, -1.0, 0.0]]
+    )
+    given_up, given_front = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    z_up = curve_positions(("lid_left", "lid_right", "mouth"), np.stack([points] * 2))
+    up, front = head_axes.find_head_axes(z_up, given_up, given_front)
+    assert up[2] > 0.9
+    assert front[1] < -0.9
+    nameless = curve_positions(("a", "b", "c"), np.stack([points] * 2))
+    assert head_axes.find_head_axes(nameless, given_up, given_front)[0] is given_up

@@ -6,6 +6,7 @@ by error. Only geometric linear interpolation is defined for every vertex; it al
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..cameras import Intrinsics, View, project
 from . import figure_style
+from .capture_figures import drift_maps
 from .mesh_rendering import render_mesh
 from .saved_results import CurvePositions, FaceSequence
 
@@ -250,6 +252,36 @@ def confidence_map(faces: FaceSequence, up: Floats, front: Floats) -> Figure:
 def _largest_text(values: Floats) -> str:
     known = values[np.isfinite(values)]
     return f"{known.max():.2f}" if known.size else "no value"
+
+
+def tracking_error_maps(
+    faces: FaceSequence, places: Floats, rows: Sequence[int], diameter: float, up: Floats, front: Floats
+) -> Figure:
+    """Draw how far the seen vertices of chosen poses are from the true places of their skin points.
+
+    Parameters
+    ----------
+    faces
+        Registered meshes.
+    places : (P, V, 3) array
+        True places in the frame of the meshes.
+    rows
+        Poses to draw.
+    diameter
+        D in head units.
+    up, front : (3,) arrays
+        Unit vectors of the head.
+    """
+    drawn_from_head = np.stack([np.cross(up, front), up, front])  # x to the subject's left, y up, z out of the face
+    errors = 100.0 * np.linalg.norm(faces.vertices - places, axis=2) / diameter
+    errors = np.where(faces.seen, errors, np.nan)
+    return drift_maps(
+        [faces.vertices[row] @ drawn_from_head.T for row in rows],
+        faces.triangles,
+        [errors[row] for row in rows],
+        [f"t = {faces.t[row]:.3g}" for row in rows],
+        frame=_portrait(faces, up, front, diameter) @ drawn_from_head.T,
+    )
 
 
 def _portrait(faces: FaceSequence, up: Floats, front: Floats, diameter: float) -> Floats:

@@ -105,7 +105,14 @@ def decimate(faces: FaceSequence, largest_count: int) -> FaceSequence:
     )
     confidence = None if faces.confidence is None else faces.confidence[:, kept]
     return FaceSequence(
-        faces.t, faces.vertices[:, kept], triangles[proper], confidence, faces.pose_ok, faces.used[kept]
+        faces.t,
+        faces.vertices[:, kept],
+        triangles[proper],
+        confidence,
+        faces.pose_ok,
+        faces.used[kept],
+        np.zeros((0, 2), dtype=np.int64),
+        faces.seen[:, kept],
     )
 
 

@@ -25,9 +25,14 @@ _SECTIONS: tuple[tuple[str, str, str, tuple[str, ...]], ...] = (
         "truth",
         "Against known truth",
         "The true meshes of this capture are known. They judge the result and are never an input.",
-        ("truth_comparison",),
+        ("truth_comparison", "tracking_error"),
     ),
-    ("capture", "Capture and reconstruction", "", ("contact_sheet", "reconstruction_quality", "tracking_confidence")),
+    (
+        "capture",
+        "Capture and reconstruction",
+        "",
+        ("contact_sheet", "mesh_over_photos", "reconstruction_quality", "tracking_confidence"),
+    ),
 )
 
 
@@ -65,7 +70,7 @@ def page_content(
         warnings=_warnings(results),
         sections=_sections(results, pictures),
         viewer=viewer,
-        run=_run_tables(info, provenance),
+        run=[("Methods", method_table(results.summary), False), *_run_tables(info, provenance)],
     )
 
 
@@ -105,6 +110,21 @@ def score_table(summary: Mapping[str, Any], scores: Mapping[str, MethodScore]) -
         marks.append("best" if finite and score.largest_average == min(finite) else "")
     columns = ("method", "LAE", "at", "ratio to linear", "LME", "at", "ratio to linear")
     return Table(columns, rows, marks)
+
+
+def method_table(summary: Mapping[str, Any]) -> Table:
+    """Every method with its source and the options it ran with."""
+    methods = summary.get("methods") or {}
+    labels = figure_style.method_styles(list(methods))
+    rows = [
+        [
+            labels[name].label,
+            ", ".join(f"{key} {_text(value)}" for key, value in (row.get("options") or {}).items()) or "none",
+            str(row.get("reference") or ""),
+        ]
+        for name, row in methods.items()
+    ]
+    return Table(("method", "options", "source"), rows, text_columns=3)
 
 
 def parts_table(summary: Mapping[str, Any]) -> Table:
@@ -189,7 +209,11 @@ def _tracking_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     }
     keys = [key for key in titles if any(math.isfinite(_number(row.get(key))) for row in rows)]
     texts = [
-        [str(row.get("pose", "")), _plain(row.get("t"), 3), *(_percent_plain(_number(row.get(key))) for key in keys)]
+        [
+            str(row.get("pose", "")),
+            f"{_number(row.get('t')):.3g}",
+            *(_percent_plain(_number(row.get(key))) for key in keys),
+        ]
         for row in rows
     ]
     marks = ["failed" if row.get("status", "ok") == "failed" else "" for row in rows]
@@ -257,6 +281,9 @@ def _warnings(results: SavedResults) -> list[str]:
     warnings = [f"{pose.name} (t = {pose.t:.4g}) failed: {pose.reason}" for pose in results.poses if not pose.ok]
     for row in (results.summary.get("methods") or {}).values():
         warnings += [str(text) for text in row.get("warnings") or [] if str(text) not in warnings]
+    hurried = [pose.name for pose in results.poses if pose.figures.get("threads", 1.0) > 1.0]
+    if hurried:
+        warnings.append(f"solved with several threads, so not repeatable bit for bit: {', '.join(hurried)}")
     lost = {pose.name: _lost_photos(pose) for pose in results.poses if pose.ok and _lost_photos(pose) > 0}
     if lost:
         listed = ", ".join(f"{name} {count}" for name, count in lost.items())

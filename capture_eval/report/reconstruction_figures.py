@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 QUALITY_CAPTION = (
     "By pose: photos that structure from motion placed, of those taken; mean reprojection error; "
-    "points found; photos that see a vertex of the cleaned scan; residual of the alignment on what does not move; "
+    "points found; dense points near each vertex of the cleaned scan; residual of the alignment on what does not move; "
     "confidence of the tracked vertices. A pose without values failed or was not needed."
 )
 CONTACT_CAPTION = "One front view of every pose, as photographed."
@@ -61,7 +61,7 @@ def reconstruction_quality(poses: Sequence[PoseQuality]) -> Figure:
         times,
         (("support_median", "median", 1.0), ("support_p5", "5th percentile", 1.0)),
         "Support of the scan",
-        "photos per vertex",
+        "dense points near a vertex",
     )
     _lines(
         axes[4],

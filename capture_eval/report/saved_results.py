@@ -89,6 +89,10 @@ class FaceSequence:
     pose_ok : (P,) bool array
     used : (V,) bool array
         Vertices that count in the errors.
+    edges : (E, 2) int array
+        Edges of the polygons.
+    seen : (P, V) bool array
+        Vertices that enough photos of the pose see.
     """
 
     t: Floats
@@ -97,6 +101,8 @@ class FaceSequence:
     confidence: Floats | None
     pose_ok: Booleans
     used: Booleans
+    edges: Integers
+    seen: Booleans
 
     def __post_init__(self) -> None:
         if self.vertices.ndim != 3 or self.vertices.shape[2] != 3 or self.vertices.shape[0] != len(self.t):
@@ -132,12 +138,15 @@ class TruthComparison:
         Rows of ``truth.json``, one per pose, with parts and regions.
     comparison
         Content of ``truth_comparison.json``.
+    places : (P, V, 3) array or None
+        Where the skin points of the registered vertices truly are, in head units.
     """
 
     errors_from_truth: ErrorTable | None
     tracking: Mapping[str, Floats]
     tracking_rows: tuple[Mapping[str, Any], ...] = ()
     comparison: Mapping[str, Any] = field(default_factory=dict)
+    places: Floats | None = None
 
 
 @dataclass(frozen=True)

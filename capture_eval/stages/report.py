@@ -6,7 +6,7 @@ import hashlib
 import io
 import logging
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..files.atomic import write_bytes, write_text
 from ..report import (
+    capture_figures,
     error_figures,
     face_figures,
     figure_style,
+    head_axes,
     interactive,
     page,
     page_tables,
@@ -59,7 +61,7 @@ class ReportOptions:
     Attributes
     ----------
     up, front
-        Axes of the template: upwards, and the way the face looks.
+        Rough axes of the template: upwards, and the way the face looks; refined where curves are named by side.
     turn
         Degrees that the camera of the face figures stands to the subject's left.
     front_photo
@@ -81,6 +83,11 @@ class ReportOptions:
                 raise InputError(f"report: {name} is the zero vector")
         if abs(float(np.dot(self.up, self.front))) > 1e-3 * float(np.linalg.norm(self.up) * np.linalg.norm(self.front)):
             raise InputError("report: up and front are not at right angles")
+
+    def facing(self, results: SavedResults) -> ReportOptions:
+        """These options with the axes of the head that was captured."""
+        up, front = head_axes.find_head_axes(results.curves, self.unit("up"), self.unit("front"))
+        return replace(self, up=(up[0], up[1], up[2]), front=(front[0], front[1], front[2]))
 
     def unit(self, name: str) -> Floats:
         """``up`` or ``front`` as a unit vector."""
@@ -114,6 +121,7 @@ def write_report(out: Path, info: Mapping[str, Any], options: ReportOptions | No
     """
     options = options or ReportOptions()
     results = report_inputs.read_results(out, info)
+    options = options.facing(results)
     pictures: dict[str, page.Picture] = {}
     for drawing in _drawings(out, info, results, options):
         logger.info("report: %s", drawing.name)
@@ -195,6 +203,7 @@ def _capture_drawings(
                 lambda: reconstruction_figures.contact_sheet(poses, photos),
             )
         )
+    drawings.extend(_registration_drawings(out, info, results, options))
     if any(pose.stages for pose in poses):
         drawings.append(
             _Drawing(
@@ -242,6 +251,49 @@ def _face_drawings(results: SavedResults, options: ReportOptions) -> list[_Drawi
                 "Tracking confidence",
                 face_figures.CONFIDENCE_CAPTION,
                 lambda: face_figures.confidence_map(faces, up, front),
+            )
+        )
+    return drawings
+
+
+def _registration_drawings(
+    out: Path, info: Mapping[str, Any], results: SavedResults, options: ReportOptions
+) -> list[_Drawing]:
+    faces, truth, drawings = results.faces, results.truth, []
+    if faces is None:
+        return []
+    good = np.flatnonzero(faces.pose_ok)
+    rows = sorted({int(good[0]), int(good[len(good) // 2]), int(good[-1])})
+    poses = info.get("poses", ())
+    photos = []
+    if len(poses) == len(faces.t):
+        photos = report_photos.placed_photos(out, poses, rows, options.front_photo, options.unit("front"))
+    if photos:
+        drawings.append(
+            _Drawing(
+                "mesh_over_photos",
+                "Registered mesh over photos",
+                capture_figures.OVERLAY_CAPTION,
+                lambda: capture_figures.mesh_over_photos(
+                    [photo.image for photo in photos],
+                    [photo.view for photo in photos],
+                    [faces.vertices[photo.row] for photo in photos],
+                    faces.triangles,
+                    faces.edges,
+                    [f"t = {faces.t[photo.row]:.3g}" for photo in photos],
+                ),
+            )
+        )
+    places = None if truth is None else truth.places
+    if places is not None and places.shape == faces.vertices.shape:
+        drawings.append(
+            _Drawing(
+                "tracking_error",
+                "Tracking error on the face",
+                capture_figures.DRIFT_CAPTION,
+                lambda: face_figures.tracking_error_maps(
+                    faces, places, rows, results.diameter, options.unit("up"), options.unit("front")
+                ),
             )
         )
     return drawings

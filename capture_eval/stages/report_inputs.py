@@ -54,7 +54,7 @@ def read_results(out: Path, info: Mapping[str, Any]) -> SavedResults:
         curves=curves,
         faces=faces,
         poses=read_poses(out, info.get("poses", ()), curves.t, faces),
-        truth=read_truth(report, curves.t),
+        truth=read_truth(out, curves.t),
     )
 
 
@@ -149,18 +149,21 @@ def _alignment_rows(path: Path) -> dict[str, dict[str, Any]]:
 def _figures(stages: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
     """Pick the figures that are drawn; what a stage did not measure is left out."""
     quantiles = stages.get("surface", {}).get("support_quantiles") or {}
+    inliers = stages.get("align", {}).get("inliers") or None
     wanted = {
         "photos": stages.get("sparse", {}).get("photos"),
         "registered": stages.get("sparse", {}).get("registered"),
         "reprojection_error_px": stages.get("sparse", {}).get("reprojection_error_px"),
         "track_length": stages.get("sparse", {}).get("track_length"),
         "points": stages.get("sparse", {}).get("points") or None,
+        "threads": stages.get("sparse", {}).get("threads"),
         "fused_points": stages.get("dense", {}).get("points") or None,
         "scan_vertices": stages.get("surface", {}).get("vertices") or None,
         "support_median": quantiles.get("50"),
         "support_p5": quantiles.get("5"),
-        "align_residual_px": stages.get("align", {}).get("residual_px"),
-        "align_inliers": stages.get("align", {}).get("inliers"),
+        # the pose that the others are brought to has no residual
+        "align_residual_px": stages.get("align", {}).get("residual_px") if inliers else None,
+        "align_inliers": inliers,
     }
     return {name: float(value) for name, value in wanted.items() if value is not None}
 
@@ -185,6 +188,7 @@ def read_faces(path: Path) -> FaceSequence:
     vertices = _array(saved, "vertices", path)
     times = _array(saved, "t", path)
     used = saved.get("used_vertices")
+    seen = saved.get("seen")
     return FaceSequence(
         t=times,
         vertices=vertices,
@@ -192,7 +196,19 @@ def read_faces(path: Path) -> FaceSequence:
         confidence=saved.get("confidence"),
         pose_ok=_array(saved, "pose_ok", path).astype(bool),
         used=np.ones(vertices.shape[1], dtype=bool) if used is None else used.astype(bool),
+        edges=_edges(saved, path),
+        seen=np.ones(vertices.shape[:2], dtype=bool) if seen is None else seen.astype(bool),
     )
+
+
+def _edges(saved: Mapping[str, NDArray[Any]], path: Path) -> NDArray[np.int64]:
+    """Edges of the polygons, each once."""
+    offsets = _array(saved, "face_offsets", path).astype(np.int64)
+    corners = _array(saved, "face_vertices", path).astype(np.int64)
+    following = np.arange(1, len(corners) + 1)
+    following[offsets[1:] - 1] = offsets[:-1]
+    edges: NDArray[np.int64] = np.unique(np.sort(np.stack([corners, corners[following]], axis=1), axis=1), axis=0)
+    return edges
 
 
 def _triangles(saved: Mapping[str, NDArray[Any]], path: Path) -> NDArray[np.int64]:
@@ -222,13 +238,14 @@ def read_curve_positions(path: Path) -> CurvePositions:
     )
 
 
-def read_truth(report: Path, times: NDArray[np.float64]) -> TruthComparison | None:
+def read_truth(out: Path, times: NDArray[np.float64]) -> TruthComparison | None:
     """Read the comparison with known truth, if the capture had one; missing figures are NaN."""
     table, comparison, tracking = (
-        report / name for name in ("errors_truth.csv", "truth_comparison.json", "truth.json")
+        out / "report" / name for name in ("errors_truth.csv", "truth_comparison.json", "truth.json")
     )
     if not table.is_file() and not tracking.is_file():
         return None
+    places = out / "work" / "register" / "tracked_truth.npz"
     rows = list(read_json(tracking).get("tracking", [])) if tracking.is_file() else []
     series = {
         name: np.array([_row_value(rows, row, name) for row in range(len(times))]) for name in ("median", "p90", "p95")
@@ -238,6 +255,7 @@ def read_truth(report: Path, times: NDArray[np.float64]) -> TruthComparison | No
         tracking={name: values for name, values in series.items() if np.any(np.isfinite(values))},
         tracking_rows=tuple(rows),
         comparison=read_json(comparison) if comparison.is_file() else {},
+        places=read_npz(places).get("vertices") if places.is_file() else None,
     )
 
 
