@@ -57,16 +57,9 @@ class TriangleScene:
     """
 
     def __init__(self, vertices: ArrayLike, triangles: ArrayLike) -> None:
-        import open3d
-
-        core: Any = open3d.core
         self.vertices = np.ascontiguousarray(vertices, dtype=np.float64)
         self.triangles = np.ascontiguousarray(triangles, dtype=np.int64)
-        self._tensor = core.Tensor
-        self._scene: Any = open3d.t.geometry.RaycastingScene(nthreads=1)
-        self._scene.add_triangles(
-            self._tensor(self.vertices.astype(np.float32)), self._tensor(self.triangles.astype(np.uint32))
-        )
+        self._tensor, self._scene = _embree_scene(self.vertices, self.triangles)
 
     def first_triangles(self, origins: ArrayLike, directions: ArrayLike) -> NDArray[np.int32]:
         """First triangle met by rays (..., 3), -1 where there is none; origins may be one point (3,)."""
@@ -85,6 +78,16 @@ class TriangleScene:
         """True where rays (..., 3) meet nothing at all."""
         found = self._scene.test_occlusions(self._tensor(_rays(origins, directions)), nthreads=1)
         return np.asarray(~found.numpy(), dtype=np.bool_)
+
+
+def _embree_scene(vertices: FloatArray, triangles: IntArray) -> tuple[Any, Any]:
+    """Open3D's tensor type and a scene of the triangles."""
+    import open3d
+
+    core: Any = open3d.core
+    scene: Any = open3d.t.geometry.RaycastingScene(nthreads=1)
+    scene.add_triangles(core.Tensor(vertices.astype(np.float32)), core.Tensor(triangles.astype(np.uint32)))
+    return core.Tensor, scene
 
 
 def _rays(origins: ArrayLike, directions: ArrayLike) -> NDArray[np.float32]:
