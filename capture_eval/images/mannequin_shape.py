@@ -88,6 +88,8 @@ def _face(points: FloatArray, distance: FloatArray) -> FloatArray:
 
 def _nose(points: FloatArray, distance: FloatArray) -> FloatArray:
     distance = _blend(distance, _cone(points, (0, 10, 83), (0, -32, 102), 6.5, 7.5), 10)
+    # side walls: without them the bridge would stand on a narrower foot
+    distance = _blend(distance, _cone(points, (4.5, 4, 76), (7.5, -32, 90), 6, 8), 8)
     distance = _blend(distance, _ellipsoid(points, (0, -35, 104), (9.5, 8.5, 9.5)), 6)
     distance = _blend(distance, _ellipsoid(points, (11.5, -38, 94), (6.5, 7.5, 10)), 5)
     distance = _blend(distance, _cone(points, (0, -41, 103), (0, -46, 92), 4, 5), 4)

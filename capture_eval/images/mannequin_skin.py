@@ -144,7 +144,7 @@ def _texel_attributes(
 
 def skin_color(points: SingleArray, masks: SingleArray, contrast: float, seed: int) -> SingleArray:
     """sRGB colour (N, 3), 0..255, of neutral canonical positions (N, 3) with their masks (N, 5)."""
-    from capture_eval.images.solid_noise import gradient_noise, spots
+    from capture_eval.images.solid_noise_kernels import gradient_noise, spots
 
     base = 101 * seed
     blotch = gradient_noise(points, 34.0, base + 1) + 0.6 * gradient_noise(points, 12.0, base + 2)
@@ -185,7 +185,7 @@ def _flush(points: SingleArray) -> SingleArray:
 
 def _paint_lips(color: SingleArray, points: SingleArray, mask: SingleArray, contrast: float, base: int) -> None:
     """Redder lips with vertical creases (in place)."""
-    from capture_eval.images.solid_noise import gradient_noise
+    from capture_eval.images.solid_noise_kernels import gradient_noise
 
     inside = mask > 0
     if not inside.any():
@@ -199,7 +199,7 @@ def _paint_lips(color: SingleArray, points: SingleArray, mask: SingleArray, cont
 
 def _paint_hair(color: SingleArray, points: SingleArray, masks: SingleArray, contrast: float, base: int) -> None:
     """Cropped hair on the scalp, eyebrows and a shade of beard (in place)."""
-    from capture_eval.images.solid_noise import gradient_noise, spots
+    from capture_eval.images.solid_noise_kernels import gradient_noise, spots
 
     x, y, z = np.abs(points[:, 0]), points[:, 1], points[:, 2]
     scalp = y - np.interp(z, _HAIRLINE_Z, _HAIRLINE_Y).astype(np.float32)
