@@ -219,7 +219,7 @@ def main() -> None:
             for known in (True, False):
                 if arguments.poses_from != "both" and known != (arguments.poses_from == "truth"):
                     continue
-                folder = root / capture.name / arguments.pose / ("true" if known else "solved")
+                folder = root / capture.name / ("true" if known else "solved") / arguments.pose
                 folder.mkdir(parents=True, exist_ok=True)
                 options = DenseOptions(fusion=arguments.fusion)
                 photos, dense, surface = reconstruct(capture, arguments.pose, folder, known, options, SurfaceOptions())

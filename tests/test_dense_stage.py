@@ -13,7 +13,7 @@ from PIL import Image
 from capture_eval.errors import CaptureEvalError, InputError, ReconstructionError, ToolError
 from capture_eval.files.colmap_workspace import map_path, read_map, write_map
 from capture_eval.files.point_cloud_files import read_point_cloud, write_point_cloud
-from capture_eval.stages.dense import DenseOptions, choose_backend, dense_workspace, reconstruct_dense
+from capture_eval.stages.dense import DenseOptions, _undistort_masks, choose_backend, dense_workspace, reconstruct_dense
 from capture_eval.stages.surface import SurfaceOptions, reconstruct_surface
 
 CPU = DenseOptions(backend="cpu", sources=4)
@@ -121,6 +121,23 @@ def test_masks_are_honoured(pristine, tmp_path) -> None:
     found = read_map(map_path(workspace, "depth", "view_2.png", "photometric"))
     assert np.count_nonzero(found[:, : ball.WIDTH // 2]) > 1000
     assert np.count_nonzero(found[:, ball.WIDTH // 2 :]) == 0
+
+
+def test_masks_of_photos_as_taken_follow_the_lens(tmp_path) -> None:
+    """A disc round the principal point stays one; a lens that shrinks the rim (k1 < 0) makes its image larger."""
+    taken = tmp_path / "taken"
+    ball.write_sparse_model(taken, ball.views()[:2], lens=(-0.5,))
+    ball.write_workspace(tmp_path / "straight", 2)
+    columns, rows = np.meshgrid(np.arange(ball.WIDTH) + 0.5, np.arange(ball.HEIGHT) + 0.5)
+    radius = np.hypot(columns - ball.WIDTH / 2, rows - ball.HEIGHT / 2)
+    (tmp_path / "masks").mkdir()
+    Image.fromarray(np.where(radius < 60.0, 255, 0).astype(np.uint8)).save(tmp_path / "masks" / "view_0.png")
+    _undistort_masks(taken, tmp_path / "straight", tmp_path / "masks")
+    straight = np.asarray(Image.open(tmp_path / "straight" / "masks" / "view_0.png.png")) > 0
+    edge = 60.0 / ball.FOCAL
+    wanted = next(r for r in np.arange(60.0, 70.0, 0.01) if r / ball.FOCAL * (1 - 0.5 * (r / ball.FOCAL) ** 2) >= edge)
+    assert abs(np.sqrt(np.count_nonzero(straight) / np.pi) - wanted) < 0.3  # the rim is cut by whole pixels
+    assert not (tmp_path / "straight" / "masks" / "view_1.png.png").exists()
 
 
 def test_a_failed_sparse_stage_skips(tmp_path) -> None:

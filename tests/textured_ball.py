@@ -67,14 +67,18 @@ def true_depth(view: View) -> Floats:
     return np.where(hit, depth, 0.0).reshape(HEIGHT, WIDTH)
 
 
-def write_sparse_model(folder: Path, cameras: list[View], with_points: bool = True, model: str = "PINHOLE") -> None:
+def write_sparse_model(
+    folder: Path, cameras: list[View], with_points: bool = True, model: str = "PINHOLE", lens: tuple[float, ...] = ()
+) -> None:
     """COLMAP model of the cameras and of points on the ball that each of them sees."""
     folder.mkdir(parents=True, exist_ok=True)
     generator = np.random.default_rng(1)
     points = generator.normal(size=(400, 3))
     points *= RADIUS / np.linalg.norm(points, axis=1, keepdims=True)
     reconstruction = pycolmap.Reconstruction()
-    camera = pycolmap.Camera.create_from_model_name(1, model, FOCAL, WIDTH, HEIGHT)
+    camera = pycolmap.Camera.create_from_model_name(1, "SIMPLE_RADIAL" if lens else model, FOCAL, WIDTH, HEIGHT)
+    if lens:
+        camera.params = [FOCAL, WIDTH / 2, HEIGHT / 2, *lens]
     reconstruction.add_camera_with_trivial_rig(camera)
     tracks: dict[int, list[tuple[int, int]]] = {}
     for number, view in enumerate(cameras, start=1):

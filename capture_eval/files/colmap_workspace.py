@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from capture_eval.cameras import View
 from capture_eval.errors import InputError
-from capture_eval.files.atomic import write_bytes, write_text
+from capture_eval.files.atomic import atomic_path, write_bytes, write_text
 from capture_eval.files.colmap_files import read_sparse_model
 
 Singles = NDArray[np.float32]
@@ -110,6 +110,14 @@ def read_mask(path: Path, view: View) -> NDArray[np.bool_]:
         raise InputError(f"{path}: cannot be read as a mask ({error})") from error
     _check_size(path, pixels.shape, view)
     return np.asarray(pixels > 0)
+
+
+def write_mask(path: Path, mask: NDArray[np.bool_]) -> None:
+    """Write a mask (H, W) as a black and white PNG."""
+    from PIL import Image
+
+    with atomic_path(path) as temporary:
+        Image.fromarray(np.where(mask, 255, 0).astype(np.uint8)).save(temporary)
 
 
 def _check_size(path: Path, shape: tuple[int, ...], view: View) -> None:

@@ -68,7 +68,7 @@ class PatchMatchOptions:
     colour_sigma: float = 20.0
     views_per_pixel: int = 3
     refining_views: int = 6
-    coarse_passes: int = 5
+    coarse_passes: int = 4
     fine_passes: int = 2
     minimum_likeness: float = 0.3
     variance_floor: float = 0.25

@@ -10,7 +10,7 @@ import logging
 import shutil
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -18,9 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_eval.cameras import project
+from capture_eval.cameras import View, pixel_rays, project
 from capture_eval.errors import InputError, ReconstructionError, ToolError
 from capture_eval.files.atomic import read_json, write_json
+from capture_eval.files.colmap_files import read_sparse_model
 from capture_eval.files.colmap_workspace import (
     DenseWorkspace,
     map_path,
@@ -30,6 +31,7 @@ from capture_eval.files.colmap_workspace import (
     read_workspace,
     write_fusion_configuration,
     write_map,
+    write_mask,
 )
 from capture_eval.files.point_cloud_files import read_point_cloud, write_point_cloud
 from capture_eval.reconstruction.depth_filtering import DepthMap, FilterOptions, make_consistent, points_of_depth
@@ -67,7 +69,8 @@ class DenseOptions:
     minimum_pixels : int
         Photos that must see a point (pycolmap.stereo_fusion).
     masks : Path or None
-        Folder with `<photo name>.png` or `<photo stem>.png` of the undistorted photos; black is left out.
+        Folder with `<photo name>.png` or `<photo stem>.png`; black is left out. Masks of a pose belong to the photos as
+        taken, masks of a workspace to its undistorted photos.
     keep_maps : bool
         Keep depth and normal maps of a pose (5 bytes times 4 per pixel and photo).
     threads : int
@@ -128,8 +131,12 @@ def reconstruct_dense(pose_folder: Path, options: DenseOptions) -> dict[str, Any
     workspace = pose_folder / "dense"
     _undistort(pose_folder / "sparse", photos, workspace, options)
     undistorted = time.process_time()
+    stereo_options = options
+    if options.masks is not None:
+        _undistort_masks(pose_folder / "sparse", workspace, options.masks)
+        stereo_options = replace(options, masks=workspace / "masks")
     try:
-        result = dense_workspace(workspace, pose_folder / "fused.ply", options)
+        result = dense_workspace(workspace, pose_folder / "fused.ply", stereo_options)
     except ReconstructionError as error:
         return _save(pose_folder, {"status": "failed", "reason": str(error), "points": 0})
     result["seconds"] = {"undistort": undistorted - start, **result["seconds"]}
@@ -169,7 +176,8 @@ def dense_workspace(folder: Path, fused: Path | None, options: DenseOptions) -> 
     else:
         _cpu_maps(workspace, [row[: options.sources] for row in partners], options)
     matched = time.process_time()
-    rows = _filter_maps(workspace, [row[: options.neighbours] for row in partners], options)
+    stage = "photometric" if backend == "cpu" else "geometric"
+    rows = _filter_maps(workspace, [row[: options.neighbours] for row in partners], stage, options)
     write_fusion_configuration(workspace.folder, names)
     filtered = time.process_time()
     points = _fuse(workspace, fused, options) if fused is not None else 0
@@ -232,20 +240,36 @@ class _Photos:
         # The mean of the channels has less noise than the luminance.
         grey = np.asarray(colours.mean(axis=2), dtype=np.float32)
         mask = textured_region(colours, self._options.stereo.window)
-        given = _mask(self._options.masks, self._workspace, index)
+        given = _mask(self._options.masks, view)
         mask = mask if given is None else mask & given
         stereo_view = StereoView(view.name, grey, view.intrinsics.matrix, view.rotation, view.translation, mask)
         return build_pyramid(stereo_view, self.levels)
 
 
-def _mask(folder: Path | None, workspace: DenseWorkspace, index: int) -> NDArray[np.bool_] | None:
+def _mask(folder: Path | None, view: View) -> NDArray[np.bool_] | None:
     if folder is None:
         return None
-    view = workspace.views[index]
     for name in (f"{view.name}.png", f"{Path(view.name).with_suffix('')}.png"):
         if (folder / name).is_file():
             return read_mask(folder / name, view)
     return None
+
+
+def _undistort_masks(sparse: Path, workspace: Path, masks: Path) -> None:
+    """Bring the masks of photos as taken to the undistorted photos, into ``masks/`` of the workspace."""
+    taken = read_sparse_model(sparse).views
+    for straight in read_workspace(workspace).views:
+        mask = _mask(masks, taken[straight.name])
+        if mask is None:
+            continue
+        width, height = straight.intrinsics.width, straight.intrinsics.height
+        columns, rows = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+        origin, rays = pixel_rays(straight, np.stack([columns.ravel(), rows.ravel()], axis=1))
+        pixels = np.floor(project(taken[straight.name], origin + rays)[0]).astype(np.int64)
+        inside = np.all((pixels >= 0) & (pixels < np.array(mask.shape[::-1])), axis=1)
+        result = np.zeros(height * width, np.bool_)
+        result[inside] = mask[pixels[inside, 1], pixels[inside, 0]]
+        write_mask(workspace / "masks" / f"{straight.name}.png", result.reshape(height, width))
 
 
 def _cpu_maps(workspace: DenseWorkspace, sources: Sequence[NDArray[np.int64]], options: DenseOptions) -> None:
@@ -274,12 +298,9 @@ def _write_maps(workspace: DenseWorkspace, name: str, stage: str, depth: NDArray
     write_map(map_path(workspace.folder, "normal", name, stage), normal)
 
 
-def _read_depth_map(workspace: DenseWorkspace, index: int, options: DenseOptions) -> DepthMap:
+def _read_depth_map(workspace: DenseWorkspace, index: int, stage: str, options: DenseOptions) -> DepthMap:
     """A photometric map with its worth; maps of COLMAP's own stereo carry no confidence and count equally."""
     view = workspace.views[index]
-    stage = (
-        "photometric" if map_path(workspace.folder, "confidence", view.name, "photometric").exists() else "geometric"
-    )
     depth = read_map(map_path(workspace.folder, "depth", view.name, stage))
     normal = read_map(map_path(workspace.folder, "normal", view.name, stage))
     if stage == "photometric":
@@ -300,10 +321,10 @@ def _read_depth_map(workspace: DenseWorkspace, index: int, options: DenseOptions
 
 
 def _filter_maps(
-    workspace: DenseWorkspace, neighbours: Sequence[NDArray[np.int64]], options: DenseOptions
+    workspace: DenseWorkspace, neighbours: Sequence[NDArray[np.int64]], stage: str, options: DenseOptions
 ) -> list[dict[str, Any]]:
     """Geometric maps: what other photos confirm."""
-    load = lru_cache(maxsize=_CACHED_PHOTOS)(lambda index: _read_depth_map(workspace, index, options))
+    load = lru_cache(maxsize=_CACHED_PHOTOS)(lambda index: _read_depth_map(workspace, index, stage, options))
     rows = []
     results = []
     for index, view in enumerate(workspace.views):
