@@ -107,7 +107,7 @@ def hairline(depth: FloatArray) -> FloatArray:
 
 
 def _noise(points: SingleArray, wavelength: float | tuple[float, float, float], seed: int) -> SingleArray:
-    from capture_eval.images.solid_noise import gradient_noise
+    from capture_eval.images.solid_noise_kernels import gradient_noise
 
     return gradient_noise(points, wavelength, seed)
 
@@ -151,7 +151,7 @@ def _fine_variation(points: SingleArray, tone: SkinTone) -> SingleArray:
 
 def _spot(colors: SingleArray, points: SingleArray, tone: SkinTone, strength: float) -> None:
     """Freckles in two sizes and a few moles, painted into `colors` (which is changed)."""
-    from capture_eval.images.solid_noise import spots
+    from capture_eval.images.solid_noise_kernels import spots
 
     shift = np.stack([_noise(points, 1.1, tone.seed + 41 + axis) for axis in range(3)], axis=1)
     ragged = points + np.float32(0.75) * shift
