@@ -38,6 +38,8 @@ _PARTS: tuple[tuple[str, frozenset[str]], ...] = (
 )
 _WORTH_DRAWING = 0.005
 """A point that moves less than this fraction of D shows only noise."""
+_APART = 0.15
+"""A further point nearer than this fraction of D to a chosen one would show the same path again."""
 _LOCAL = 0.4
 """A curve wider than this fraction of D runs through many parts of the face: its name tells no place."""
 
@@ -71,8 +73,8 @@ def choose_points(curves: CurvePositions, diameter: float, count: int = 3) -> li
     """Choose the points to draw: of each part of the face the curve point that moves furthest.
 
     Parts are known by the words in the names of short curves (chin or jaw, lip or mouth, lid or eye, …). Parts that
-    do not move are passed over; with fewer moving parts than ``count``, the furthest-moving points that lie at least
-    0.06 D from the chosen ones follow under the name of their curve.
+    do not move are passed over; with fewer moving parts than ``count``, the furthest-moving points well away from
+    the chosen ones follow under the name of their curve.
 
     Parameters
     ----------
@@ -116,7 +118,10 @@ def choose_points(curves: CurvePositions, diameter: float, count: int = 3) -> li
         claimed |= allowed
         take(label, allowed, _WORTH_DRAWING)
     for _ in range(count):
-        take("", np.ones(len(motion), dtype=bool), _WORTH_DRAWING if chosen else 0.0)
+        far = np.ones(len(motion), dtype=bool)
+        for point in chosen:
+            far &= np.linalg.norm(curves.truth[0] - curves.truth[0, point.row], axis=1) > _APART * diameter
+        take("", far, _WORTH_DRAWING if chosen else 0.0)
     return chosen
 
 
