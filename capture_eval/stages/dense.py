@@ -33,13 +33,12 @@ from capture_eval.files.colmap_workspace import (
     write_map,
     write_mask,
 )
-from capture_eval.files.point_cloud_files import read_point_cloud, write_point_cloud
-from capture_eval.reconstruction.depth_filtering import DepthMap, FilterOptions, make_consistent, points_of_depth
+from capture_eval.reconstruction.depth_filtering import DepthMap, FilterOptions, make_consistent
 from capture_eval.reconstruction.foreground_mask import textured_region
 from capture_eval.reconstruction.image_pyramid import Pyramid, StereoView, build_pyramid, level_count
 from capture_eval.reconstruction.patch_match import PatchMatchOptions, match_view
-from capture_eval.reconstruction.point_fusion import PointCloud, average_in_cells, concatenate
 from capture_eval.reconstruction.view_selection import choose_sources, depth_range, pair_scores
+from capture_eval.stages.fusion import fuse_maps
 
 logger = logging.getLogger("capture_eval.dense")
 
@@ -180,7 +179,9 @@ def dense_workspace(folder: Path, fused: Path | None, options: DenseOptions) -> 
     rows = _filter_maps(workspace, [row[: options.neighbours] for row in partners], stage, options)
     write_fusion_configuration(workspace.folder, names)
     filtered = time.process_time()
-    points = _fuse(workspace, fused, options) if fused is not None else 0
+    points = 0
+    if fused is not None:
+        points = fuse_maps(workspace, fused, options.fusion, options.point_spacing, options.minimum_pixels)
     seconds = {"stereo": matched - start, "filter": filtered - matched, "fusion": time.process_time() - filtered}
     return {"status": "ok", "backend": backend, "points": points, "seconds": seconds, "photos": rows}
 
@@ -347,54 +348,3 @@ def _filter_maps(
         confidence = np.stack([result.weight, result.supporters.astype(np.float32)], axis=2)
         write_map(map_path(workspace.folder, "confidence", name, "geometric"), confidence)
     return rows
-
-
-def _fuse(workspace: DenseWorkspace, fused: Path, options: DenseOptions) -> int:
-    """Write the cloud and return its number of points."""
-    count = (
-        _fuse_with_colmap(workspace, fused, options)
-        if options.fusion == "colmap"
-        else _fuse_own(workspace, fused, options)
-    )
-    if count == 0:
-        raise ReconstructionError(f"{workspace.folder}: no point is confirmed by enough photos")
-    return count
-
-
-def _fuse_with_colmap(workspace: DenseWorkspace, fused: Path, options: DenseOptions) -> int:
-    import pycolmap
-
-    settings = pycolmap.StereoFusionOptions()
-    settings.min_num_pixels = options.minimum_pixels
-    settings.num_threads = 1
-    settings.max_depth_error = 0.005
-    pycolmap.stereo_fusion(
-        str(fused), str(workspace.folder), input_type="geometric", options=settings, output_type="PLY"
-    )
-    return len(read_point_cloud(fused)[0])
-
-
-def _fuse_own(workspace: DenseWorkspace, fused: Path, options: DenseOptions) -> int:
-    clouds = []
-    spacings = []
-    for view in workspace.views:
-        depth = read_map(map_path(workspace.folder, "depth", view.name, "geometric"))
-        normal = read_map(map_path(workspace.folder, "normal", view.name, "geometric"))
-        confidence = read_map(map_path(workspace.folder, "confidence", view.name, "geometric"))
-        used = depth > 0
-        if not used.any():
-            continue
-        frame = DepthMap(depth, normal, confidence[..., 0], view.intrinsics.matrix, view.rotation, view.translation)
-        points, normals = points_of_depth(depth, normal, frame)
-        weight = confidence[..., 0][used].astype(np.float64)
-        clouds.append(PointCloud(points, normals, weight, confidence[..., 1][used].astype(np.float64)))
-        spacings.append(float(np.median(depth[used])) / view.intrinsics.matrix[0, 0])
-    if not clouds:
-        return 0
-    cloud = average_in_cells(concatenate(clouds), options.point_spacing * float(np.median(spacings)))
-    names = {"nx": 0, "ny": 1, "nz": 2}
-    properties = {name: cloud.normals[:, axis] for name, axis in names.items()}
-    properties["deviation"] = 1.0 / np.sqrt(np.maximum(cloud.weight, 1e-300))
-    properties["supporters"] = cloud.supporters
-    write_point_cloud(fused, cloud.points, properties)
-    return len(cloud.points)

@@ -1,0 +1,81 @@
+"""Depth maps of a workspace become one cloud, by the project's own fusion or by COLMAP's."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from capture_eval.errors import ReconstructionError
+from capture_eval.files.colmap_workspace import DenseWorkspace, map_path, read_map
+from capture_eval.files.point_cloud_files import read_point_cloud, write_point_cloud
+from capture_eval.reconstruction.depth_filtering import DepthMap, points_of_depth
+from capture_eval.reconstruction.point_fusion import PointCloud, average_in_cells, concatenate
+
+
+def fuse_maps(workspace: DenseWorkspace, fused: Path, fusion: str, point_spacing: float, minimum_pixels: int) -> int:
+    """Write the cloud of a workspace's geometric maps and return its number of points.
+
+    Parameters
+    ----------
+    workspace : DenseWorkspace
+    fused : Path
+        PLY to write; own fusion adds `deviation` (unit of the model) and `supporters` (photos) to the normals.
+    fusion : str
+        `own` or `colmap`.
+    point_spacing : float
+        Own fusion: edge of the cells, pixels of the photos at the surface.
+    minimum_pixels : int
+        COLMAP's fusion: photos that must see a point.
+
+    Raises
+    ------
+    ReconstructionError
+        No point is confirmed by enough photos.
+    """
+    if fusion == "colmap":
+        count = _fuse_with_colmap(workspace, fused, minimum_pixels)
+    else:
+        count = _fuse_own(workspace, fused, point_spacing)
+    if count == 0:
+        raise ReconstructionError(f"{workspace.folder}: no point is confirmed by enough photos")
+    return count
+
+
+def _fuse_with_colmap(workspace: DenseWorkspace, fused: Path, minimum_pixels: int) -> int:
+    import pycolmap
+
+    settings = pycolmap.StereoFusionOptions()
+    settings.min_num_pixels = minimum_pixels
+    settings.num_threads = 1
+    settings.max_depth_error = 0.005
+    pycolmap.stereo_fusion(
+        str(fused), str(workspace.folder), input_type="geometric", options=settings, output_type="PLY"
+    )
+    return len(read_point_cloud(fused)[0])
+
+
+def _fuse_own(workspace: DenseWorkspace, fused: Path, point_spacing: float) -> int:
+    clouds = []
+    spacings = []
+    for view in workspace.views:
+        depth = read_map(map_path(workspace.folder, "depth", view.name, "geometric"))
+        normal = read_map(map_path(workspace.folder, "normal", view.name, "geometric"))
+        confidence = read_map(map_path(workspace.folder, "confidence", view.name, "geometric"))
+        used = depth > 0
+        if not used.any():
+            continue
+        frame = DepthMap(depth, normal, confidence[..., 0], view.intrinsics.matrix, view.rotation, view.translation)
+        points, normals = points_of_depth(depth, normal, frame)
+        weight = confidence[..., 0][used].astype(np.float64)
+        clouds.append(PointCloud(points, normals, weight, confidence[..., 1][used].astype(np.float64)))
+        spacings.append(float(np.median(depth[used])) / view.intrinsics.matrix[0, 0])
+    if not clouds:
+        return 0
+    cloud = average_in_cells(concatenate(clouds), point_spacing * float(np.median(spacings)))
+    names = {"nx": 0, "ny": 1, "nz": 2}
+    properties = {name: cloud.normals[:, axis] for name, axis in names.items()}
+    properties["deviation"] = 1.0 / np.sqrt(np.maximum(cloud.weight, 1e-300))
+    properties["supporters"] = cloud.supporters
+    write_point_cloud(fused, cloud.points, properties)
+    return len(cloud.points)
