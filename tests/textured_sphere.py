@@ -35,11 +35,16 @@ def mesh(radius: float = RADIUS, columns: int = 90, rows: int = 60) -> tuple[Flo
     return points.reshape(-1, 3), triangles.astype(np.int64), uv[triangles]
 
 
-def views(width: int = 320, height: int = 240) -> list[View]:
-    """Six cameras in two rows, all looking at the ball's centre."""
+def views(
+    width: int = 320,
+    height: int = 240,
+    turns: tuple[float, ...] = (-28.0, 0.0, 28.0),
+    nods: tuple[float, ...] = (-14.0, 14.0),
+) -> list[View]:
+    """Cameras in rows, by default six in two, all looking at the ball's centre."""
     result = []
-    for row, nod in enumerate((-14.0, 14.0)):
-        for column, turn in enumerate((-28.0, 0.0, 28.0)):
+    for row, nod in enumerate(nods):
+        for column, turn in enumerate(turns):
             a, b = np.deg2rad([turn, nod])
             centre = 320.0 * np.array([np.sin(a) * np.cos(b), np.sin(b), np.cos(a) * np.cos(b)])
             forward = -centre / np.linalg.norm(centre)
@@ -48,7 +53,7 @@ def views(width: int = 320, height: int = 240) -> list[View]:
             rotation = np.stack([right, np.cross(forward, right), forward])
             matrix = np.array([[600.0, 0.0, width / 2], [0.0, 600.0, height / 2], [0.0, 0.0, 1.0]])
             lens = Intrinsics(width, height, matrix, np.array([0.02, -0.01, 0.0, 0.0]))
-            result.append(View(f"view_{3 * row + column:02d}", lens, rotation, -rotation @ centre))
+            result.append(View(f"view_{len(turns) * row + column:02d}", lens, rotation, -rotation @ centre))
     return result
 
 

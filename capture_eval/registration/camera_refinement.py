@@ -3,7 +3,8 @@
 Structure from motion ties the cameras to feature points that are right to a third of a pixel; its focal length
 is then off by a per cent, and the space between the cameras bends by a few hundredths of a per cent of the head.
 Thousands of texture observations at a tenth of a pixel straighten it. Cameras, one focal length and one radial
-term per lens, and all points move; the points are not tied to the mesh, so that its errors do not bend the cameras.
+term per lens, and all points move. The points are tied to the mesh so loosely that its errors do not bend the
+cameras; only where photos cannot tell (few views of a shallow subject: focal length against distance) it decides.
 """
 
 from collections.abc import Sequence
@@ -56,6 +57,10 @@ class RefinementOptions:
         Gauss-Newton steps.
     outlier_pixels : float
         Residual at which an observation counts half (Cauchy).
+    observation_pixels : float
+        Typical error of an observation.
+    mesh_error : float
+        Typical error of the mesh, a fraction of the extent of the points; large values free the points.
     minimum_observations : int
         Fewer of them leave the cameras as they are.
     largest_focal_change : float
@@ -64,8 +69,10 @@ class RefinementOptions:
 
     steps: int = 4
     outlier_pixels: float = 0.3
+    observation_pixels: float = 0.1
+    mesh_error: float = 0.003
     minimum_observations: int = 2000
-    largest_focal_change: float = 0.1
+    largest_focal_change: float = 0.05
 
 
 @dataclass
@@ -77,6 +84,7 @@ class _Bundle:
     focal: Floats
     radial: Floats
     points: Floats
+    mesh_points: Floats
 
 
 @dataclass(frozen=True)
@@ -127,6 +135,7 @@ def refine_cameras(
         np.ones(len(lenses)),
         np.zeros(len(lenses)),
         points.copy(),
+        points,
     )
     residuals = [_step(state, views, photos, lens_of_view, options) for _ in range(options.steps)]
     change = float(np.max(np.abs(state.focal - 1.0)))
@@ -199,6 +208,10 @@ def _step(
         point_block[photo.point] += point.transpose(0, 2, 1) @ row.by_point
         point_side[photo.point] += (point.transpose(0, 2, 1) @ row.residual[:, :, None])[:, :, 0]
         mixed[photo.point[:, None], columns[None, :]] += camera.transpose(0, 2, 1) @ row.by_point
+    extent = float(np.linalg.norm(np.ptp(state.mesh_points, axis=0)))
+    tie = (options.observation_pixels / (options.mesh_error * extent)) ** 2
+    point_block += tie * np.eye(3)
+    point_side += tie * (state.mesh_points - state.points)
     _solve(state, camera_block, camera_side, point_block, point_side, mixed)
     return float(np.sqrt(squared / max(weight_sum, 1e-300)))
 
