@@ -253,7 +253,7 @@ def test_methods_rigid_region_hashes_and_truth(capture: Path) -> None:
     np.savez(capture / "truth.npz", t=np.array([0.0, 1.0]), vertices=np.zeros((3, 36, 3)))
     text = "\n".join(_lines(capture))
     for expected in (
-        "methods[1]: no method 'spline_of_dreams'",
+        "methods[1]: unknown interpolation method 'spline_of_dreams'",
         "rigid_region: vertex 99 is not in the template",
         "curves.yaml: SHA-256 is",
         "truth.npz: vertices (3, 36, 3), expected (2, V, 3)",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from capture_eval.errors import CaptureEvalError
 from capture_eval.stages.validate_photos import Problem, validate_photos
 from capture_eval.stages.validate_template import validate_pose_meshes, validate_template, validate_truth
 
@@ -38,13 +39,14 @@ def validate_capture(
 
 
 def _validate_methods(capture: Capture) -> list[Problem]:
-    from capture_eval.interpolation.methods import METHODS
+    from capture_eval.interpolation.methods import create_method
 
     problems = []
     for index, method in enumerate(capture.manifest.method_entries):
-        if method.name not in METHODS:
-            text = f"no method {method.name!r}; there are {', '.join(METHODS)}"
-            problems.append(Problem(f"{capture.path}: methods[{index}]", text, fatal=True))
+        try:
+            create_method(method.name, method.options)
+        except CaptureEvalError as error:
+            problems.append(Problem(f"{capture.path}: methods[{index}]", str(error), fatal=True))
     return problems
 
 
