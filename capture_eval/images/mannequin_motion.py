@@ -94,6 +94,8 @@ def jaw_weights(topology: Topology, positions: FloatArray) -> FloatArray:
     for half, value in zip(upper_and_lower(6, 14), (0.0, 1.0), strict=True):
         inside = half[2:-2]
         weights[rings[LIP_BORDER:][:, inside]] = value
+    middle = topology.face.shape[1] // 2
+    weights[topology.face[:22, middle - 6 : middle + 7]] = 0.0
     grid = topology.inner["mouth"]
     weights[grid[: grid.shape[0] // 2]] = 0.0
     weights[grid[grid.shape[0] // 2 + 1 :]] = 1.0
