@@ -37,10 +37,14 @@ class PoseEntry(ManifestModel):
     """One pose: its time and its photos (or its registered mesh)."""
 
     t: Annotated[float, Field(ge=0, le=1, description="time of the pose, 0 = neutral, 1 = last")]
-    photos: RelativePath | None = Field(None, description="folder with the photos of this pose")
-    mesh: RelativePath | None = Field(None, description="registered mesh of this pose (source: meshes)")
-    masks: RelativePath | None = Field(None, description="folder with one mask per photo (same stem, PNG; 0 = ignore)")
-    name: str | None = Field(None, description="name of the pose; the photo folder's or mesh file's name by default")
+    photos: RelativePath | None = Field(default=None, description="folder with the photos of this pose")
+    mesh: RelativePath | None = Field(default=None, description="registered mesh of this pose (source: meshes)")
+    masks: RelativePath | None = Field(
+        default=None, description="folder with one mask per photo (same stem, PNG; 0 = ignore)"
+    )
+    name: str | None = Field(
+        default=None, description="name of the pose; the photo folder's or mesh file's name by default"
+    )
 
     @model_validator(mode="after")
     def _one_source(self) -> PoseEntry:
@@ -77,21 +81,24 @@ class CameraEntry(ManifestModel):
     """What is known about the cameras."""
 
     model: Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"] = Field(
-        "SIMPLE_RADIAL", description="COLMAP camera model to estimate"
+        default="SIMPLE_RADIAL", description="COLMAP camera model to estimate"
     )
-    shared_intrinsics: bool = Field(True, description="all photos come from the same camera and lens setting")
+    shared_intrinsics: bool = Field(default=True, description="all photos come from the same camera and lens setting")
     intrinsics: IntrinsicsEntry | None = None
     known_views: RelativePath | None = Field(
-        None, description="JSON with known intrinsics and extrinsics of every photo (layout of truth/cameras.json)"
+        default=None,
+        description="JSON with known intrinsics and extrinsics of every photo (layout of truth/cameras.json)",
     )
 
 
 class DenseEntry(ManifestModel):
     """How depth maps are computed."""
 
-    back_end: Literal["auto", "cuda", "cpu"] = Field("auto", description="auto takes CUDA where pycolmap has it")
+    back_end: Literal["auto", "cuda", "cpu"] = Field(
+        default="auto", description="auto takes CUDA where pycolmap has it"
+    )
     max_image_size: Annotated[int, Field(ge=64)] | None = Field(
-        None, description="longer side in pixels that photos are shrunk to before stereo; all pixels by default"
+        default=None, description="longer side in pixels that photos are shrunk to before stereo; all pixels by default"
     )
 
 
@@ -100,14 +107,14 @@ class TemplateEntry(ManifestModel):
 
     mesh: RelativePath
     landmarks: RelativePath
-    occluders: RelativePath | None = Field(None, description="eyes, teeth, tongue of the template as one OBJ")
+    occluders: RelativePath | None = Field(default=None, description="eyes, teeth, tongue of the template as one OBJ")
 
 
 class TruthEntry(ManifestModel):
     """Known truth of a synthetic or otherwise measured capture; used to judge, never as an input."""
 
     mesh: RelativePath | None = None
-    vertices: RelativePath | None = Field(None, description="npz with t (P,) and vertices (P, V, 3)")
+    vertices: RelativePath | None = Field(default=None, description="npz with t (P,) and vertices (P, V, 3)")
     cameras: RelativePath | None = None
 
 
@@ -139,7 +146,7 @@ class Manifest(ManifestModel):
     dense: DenseEntry = DenseEntry()
     template: TemplateEntry | None = None
     rigid_region: list[Annotated[int, Field(ge=0)]] | RelativePath | None = Field(
-        None, description="template vertices that do not move (skull): a list, or a JSON or YAML file with one"
+        default=None, description="template vertices that do not move (skull): a list, or a JSON or YAML file with one"
     )
     curves: RelativePath | None = None
     methods: Annotated[list[str | MethodEntry], Field(min_length=1)] = Field(
