@@ -140,12 +140,14 @@ def _kill_while(manifest: Path, out: Path, step: str) -> None:
     )
     marker = out / "work" / "steps" / f"{step}.running"
     deadline = time.monotonic() + LONGEST_SECONDS
-    while not marker.is_file() and runner.poll() is None and time.monotonic() < deadline:
-        time.sleep(0.1)
-    assert marker.is_file(), f"{step} was never worked on"
-    time.sleep(0.7)  # in the middle of it
-    os.kill(runner.pid, signal.SIGKILL)
-    runner.wait()
+    try:
+        while not marker.is_file() and runner.poll() is None and time.monotonic() < deadline:
+            time.sleep(0.1)
+        assert marker.is_file(), f"{step} was never worked on"
+        time.sleep(0.7)  # in the middle of it
+    finally:
+        os.kill(runner.pid, signal.SIGKILL)
+        runner.wait()
 
 
 def test_a_run_killed_three_times_ends_with_the_same_bytes(result: Path, manifest: Path) -> None:
