@@ -58,7 +58,7 @@ class NonrigidIcpOptions:
     landmark_scale: float = 2.0
     point_weight: float = 0.05
     warp_stiffness: float = 100.0
-    warp_steps: int = 4
+    warp_steps: int = 2
     minimum_share: float = 0.2
 
 
