@@ -45,6 +45,7 @@ def fuse_maps(workspace: DenseWorkspace, fused: Path, fusion: str, point_spacing
 def _fuse_with_colmap(workspace: DenseWorkspace, fused: Path, minimum_pixels: int) -> int:
     import pycolmap
 
+    pycolmap.logging.minloglevel = 2
     settings = pycolmap.StereoFusionOptions()
     settings.min_num_pixels = minimum_pixels
     settings.num_threads = 1
