@@ -10,16 +10,23 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from capture_eval.cameras import View, project
 from capture_eval.errors import InputError
 from capture_eval.files.atomic import read_json, read_npz, write_json, write_npz
 from capture_eval.files.colmap_files import read_features, read_sparse_model
 from capture_eval.registration.cross_pose_matching import ObservedPoints
+from capture_eval.registration.nonrigid_icp import WORKING_SIZE
 from capture_eval.registration.pose_alignment import AlignedPose, AlignmentOptions, align_all_poses
 from capture_eval.similarity import Similarity
+from capture_eval.stages.registration_inputs import load_template, place_landmarks
 
 logger = logging.getLogger("capture_eval.align")
+
+# The template is another head: points within this share of its size of a rigid vertex count as rigid.
+RIGID_REACH = 0.05
+LEAST_RIGID_POINTS = 100
 
 
 @dataclass(frozen=True)
@@ -31,10 +38,17 @@ class AlignOptions:
     limits : AlignmentOptions
     shared_frame : bool
         The poses' cameras are already in one frame (a known rig): every similarity is the identity.
+    rigid_region : tuple of int or None
+        Template vertices that do not move (skull). Needs `template` and `landmarks`; only points near them are
+        used then. Without it the rigid majority of all points decides.
+    template, landmarks : Path or None
     """
 
     limits: AlignmentOptions = field(default_factory=AlignmentOptions)
     shared_frame: bool = False
+    rigid_region: tuple[int, ...] | None = None
+    template: Path | None = None
+    landmarks: Path | None = None
 
 
 def pose_status(work: Path, pose_name: str, stage: str) -> str:
@@ -95,7 +109,7 @@ def align_poses(work: Path, pose_names: Sequence[str], options: AlignOptions) ->
         failed = AlignedPose(None, float("nan"), 0, 0, "", "no reconstruction")
         poses = [failed if points is None else identity for points in observed]
     else:
-        poses = align_all_poses(observed, options.limits)
+        poses = align_all_poses(observed, options.limits, _rigid_points(work / pose_names[0], observed[0], options))
     neutral = observed[0]
     if neutral is None:
         raise InputError(f"{work / pose_names[0]}: the neutral pose has no reconstruction")
@@ -106,6 +120,26 @@ def align_poses(work: Path, pose_names: Sequence[str], options: AlignOptions) ->
     quality = {"extent": neutral.extent, "pixel": neutral.footprint, "poses": rows}
     write_json(work / "align" / "alignment.json", quality)
     return quality
+
+
+def _rigid_points(neutral: Path, observed: ObservedPoints | None, options: AlignOptions) -> NDArray[np.bool_] | None:
+    """Points of the neutral on the rigid region; None where all points take part."""
+    if options.rigid_region is None or options.template is None or options.landmarks is None or observed is None:
+        return None
+    parts = load_template(options.template, None)
+    count = len(parts.mesh.vertices)
+    if any(not 0 <= vertex < count for vertex in options.rigid_region):
+        raise InputError(f"{options.template}: the rigid region names a vertex outside of 0..{count - 1}")
+    head_from_neutral, _, _ = place_landmarks(neutral, options.landmarks, parts)
+    found = cKDTree(parts.mesh.vertices).query(head_from_neutral.apply(observed.points))
+    distance, index = np.asarray(found[0]), np.asarray(found[1])
+    still = np.zeros(count, dtype=np.bool_)
+    still[list(options.rigid_region)] = True
+    rigid = still[index] & (distance < RIGID_REACH * WORKING_SIZE * parts.unit)
+    if np.count_nonzero(rigid) < LEAST_RIGID_POINTS:
+        logger.info("align: only %d points on the rigid region; all points are used", np.count_nonzero(rigid))
+        return None
+    return np.asarray(rigid, dtype=np.bool_)
 
 
 def _row(name: str, pose: AlignedPose, neutral: ObservedPoints) -> dict[str, Any]:

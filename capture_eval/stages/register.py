@@ -14,10 +14,7 @@ from numpy.typing import NDArray
 
 from capture_eval.errors import InputError, RegistrationError
 from capture_eval.files.atomic import read_json, read_npz, write_json, write_npz
-from capture_eval.files.colmap_files import read_sparse_model
-from capture_eval.files.landmark_files import read_landmarks
 from capture_eval.registration.deformation_solver import DeformationSolver
-from capture_eval.registration.landmark_triangulation import landmark_similarity, triangulate_point
 from capture_eval.registration.lifted_matches import (
     LiftingOptions,
     MaterialMatches,
@@ -26,7 +23,6 @@ from capture_eval.registration.lifted_matches import (
 )
 from capture_eval.registration.mesh_operators import build_mesh_operators
 from capture_eval.registration.nonrigid_icp import (
-    Landmarks,
     NonrigidIcpOptions,
     closest_point_constraints,
     fit_template,
@@ -48,6 +44,7 @@ from capture_eval.stages.registration_inputs import (
     load_scan,
     load_similarities,
     load_template,
+    place_landmarks,
     save_similarities,
 )
 
@@ -111,7 +108,7 @@ def register_neutral(
     parts = load_template(template, occluders)
     neutral = pose_names[0]
     _require(work, neutral)
-    head_from_neutral, placed, rows = _place_landmarks(work / neutral, landmarks, parts)
+    head_from_neutral, placed, rows = place_landmarks(work / neutral, landmarks, parts)
     alignment = load_alignment(work)
     links = [alignment.get(name) for name in pose_names]
     head_from_pose = [None if link is None else head_from_neutral.compose(link) for link in links]
@@ -152,39 +149,6 @@ def _require(work: Path, neutral: str) -> None:
             raise RegistrationError(
                 f"{neutral}: stage {stage} of the neutral pose is {status}; nothing can be registered"
             )
-
-
-def _place_landmarks(neutral: Path, path: Path, parts: Template) -> tuple[Similarity, Landmarks, list[dict[str, Any]]]:
-    """Similarity to the head frame, landmarks in the working frame, and a row per landmark."""
-    views = read_sparse_model(neutral / "sparse").views
-    rows: list[dict[str, Any]] = []
-    vertices, places, names = [], [], []
-    for landmark in read_landmarks(path, len(parts.mesh.vertices)):
-        row: dict[str, Any] = {"name": landmark.name, "vertex": landmark.vertex, "used": True, "reason": ""}
-        if landmark.point is not None:
-            place = landmark.point
-        else:
-            try:
-                found = triangulate_point(views, landmark.photos)
-                place, row["reprojection_error_px"] = found.position, found.reprojection_error
-            except RegistrationError as error:
-                rows.append(row | {"used": False, "reason": str(error)})
-                logger.info("landmark %s is left out: %s", landmark.name, error)
-                continue
-        rows.append(row)
-        vertices.append(landmark.vertex)
-        places.append(place)
-        names.append(landmark.name)
-    if len(places) < 4:
-        raise InputError(f"{path}: only {len(places)} landmarks could be placed in space, at least 4 are needed")
-    index = np.array(vertices, dtype=np.int64)
-    head_from_neutral, residual = landmark_similarity(np.array(places), parts.mesh.vertices[index], names)
-    size = parts.unit * 300.0
-    for row, distance in zip([row for row in rows if row["used"]], residual, strict=True):
-        row["residual"] = float(distance / size)
-    working = parts.working_from_head.compose(head_from_neutral)
-    placed = Landmarks(index, working.apply(np.array(places)), np.ones(len(index)))
-    return head_from_neutral, placed, rows
 
 
 def _working_occluders(parts: Template) -> tuple[Floats, NDArray[np.int64]] | None:

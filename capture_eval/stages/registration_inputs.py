@@ -5,27 +5,33 @@ Working frame: the head frame (the template's own frame) scaled so that the temp
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from capture_eval.cameras import View
-from capture_eval.errors import InputError
+from capture_eval.errors import InputError, RegistrationError
 from capture_eval.files.atomic import read_json, read_npz, write_npz
 from capture_eval.files.colmap_files import read_features, read_sparse_model
 from capture_eval.files.jpeg_files import read_photo
+from capture_eval.files.landmark_files import read_landmarks
 from capture_eval.files.mesh_files import read_mesh, read_ply_with_properties
 from capture_eval.polygon_mesh import PolygonMesh
+from capture_eval.registration.landmark_triangulation import landmark_similarity, triangulate_point
 from capture_eval.registration.lifted_matches import PosePhotos
-from capture_eval.registration.nonrigid_icp import WORKING_SIZE
+from capture_eval.registration.nonrigid_icp import WORKING_SIZE, Landmarks
 from capture_eval.registration.surface_correspondence import Surface
 from capture_eval.registration.texture_atlas import cylindrical_texture_coordinates, rasterise_atlas
 from capture_eval.registration.texture_rounds import PhotoSet, TextureAtlases
 from capture_eval.similarity import Similarity, transform_view
 from capture_eval.triangle_geometry import diameter
+
+logger = logging.getLogger("capture_eval.register")
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -96,6 +102,54 @@ def _layout(mesh: PolygonMesh, triangles: Integers) -> tuple[Floats, bool]:
         if inside and rasterise_atlas(corner_uv, 512).overlap <= LARGEST_OVERLAP:
             return corner_uv, True
     return cylindrical_texture_coordinates(mesh.vertices, triangles), False
+
+
+def place_landmarks(neutral: Path, path: Path, parts: Template) -> tuple[Similarity, Landmarks, list[dict[str, Any]]]:
+    """Landmarks of the neutral in space.
+
+    Returns
+    -------
+    head_from_neutral : Similarity
+        From the frame of the neutral's cameras to the template's frame.
+    placed : Landmarks
+        In the working frame.
+    rows : list of dict
+        One per landmark, those left out included.
+
+    Raises
+    ------
+    InputError, RegistrationError
+        Too few landmarks can be placed, or they do not fit the template.
+    """
+    views = read_sparse_model(neutral / "sparse").views
+    rows: list[dict[str, Any]] = []
+    vertices, places, names = [], [], []
+    for landmark in read_landmarks(path, len(parts.mesh.vertices)):
+        row: dict[str, Any] = {"name": landmark.name, "vertex": landmark.vertex, "used": True, "reason": ""}
+        if landmark.point is not None:
+            place = landmark.point
+        else:
+            try:
+                found = triangulate_point(views, landmark.photos)
+                place, row["reprojection_error_px"] = found.position, found.reprojection_error
+            except RegistrationError as error:
+                rows.append(row | {"used": False, "reason": str(error)})
+                logger.info("landmark %s is left out: %s", landmark.name, error)
+                continue
+        rows.append(row)
+        vertices.append(landmark.vertex)
+        places.append(place)
+        names.append(landmark.name)
+    if len(places) < 4:
+        raise InputError(f"{path}: only {len(places)} landmarks could be placed in space, at least 4 are needed")
+    index = np.array(vertices, dtype=np.int64)
+    head_from_neutral, residual = landmark_similarity(np.array(places), parts.mesh.vertices[index], names)
+    size = parts.unit * WORKING_SIZE
+    for row, distance in zip([row for row in rows if row["used"]], residual, strict=True):
+        row["residual"] = float(distance / size)
+    working = parts.working_from_head.compose(head_from_neutral)
+    placed = Landmarks(index, working.apply(np.array(places)), np.ones(len(index)))
+    return head_from_neutral, placed, rows
 
 
 def load_views(pose_folder: Path, working_from_pose: Similarity) -> dict[str, View]:
