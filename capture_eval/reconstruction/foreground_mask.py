@@ -14,7 +14,7 @@ Flags = NDArray[np.bool_]
 
 _LIKE_COLOUR = 24.0  # grey levels at which a neighbour no longer counts as of like colour
 _NOISE_FROM_PLAINEST = 1.45  # from the 5th percentile of the variance of plain patches to its median
-_ABOVE_NOISE = 2.0  # 95 % of the patches of pure noise stay below
+_ABOVE_NOISE = 1.6  # most patches of pure noise stay below, the median filter closes the rest
 _PAD = 8
 
 
@@ -34,7 +34,7 @@ def plainness(grey: Singles, radius: int) -> Singles:
     return variance
 
 
-def plain_region(grey: Singles, radius: int, most_noise: float, smallest_share: float = 0.002) -> Flags:
+def plain_region(grey: Singles, radius: int, most_noise: float, smallest_share: float = 0.01) -> Flags:
     """Large regions (H, W) that do not vary beyond noise.
 
     The noise is taken from the plainest twentieth of the photo, but never above `most_noise` (standard deviation, grey
