@@ -54,7 +54,7 @@ class RoundOptions:
     half_ranges: tuple[float, ...] = (1.5, 0.8)
     stiffness: float = 3.0
     edge_stiffness: float = 0.05
-    solves: int = 2
+    solves: int = 3
     flow_weight: float = 0.4
     flow_scale: float = 0.5
     stereo_weight: float = 0.4

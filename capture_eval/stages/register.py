@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,31 +15,26 @@ from capture_eval.errors import InputError, RegistrationError
 from capture_eval.files.atomic import read_json, read_npz, write_json, write_npz
 from capture_eval.registration.deformation_solver import DeformationSolver
 from capture_eval.registration.lifted_matches import (
-    LiftingOptions,
     MaterialMatches,
-    lift_matches,
-    merge_agreeing,
 )
 from capture_eval.registration.mesh_operators import build_mesh_operators
 from capture_eval.registration.nonrigid_icp import (
-    NonrigidIcpOptions,
     closest_point_constraints,
     fit_template,
     hidden_stiffness,
 )
 from capture_eval.registration.photo_visibility import count_seen
-from capture_eval.registration.pose_tracking import TrackingOptions, track_pose
 from capture_eval.registration.surface_correspondence import Surface
 from capture_eval.registration.template_visibility import skin_vertices
 from capture_eval.registration.texture_baking import BakedTexture, bake_texture
-from capture_eval.registration.texture_rounds import PhotoSet, RefinedPose, RoundOptions, refine_by_texture
-from capture_eval.registration.vertex_confidence import ConfidenceOptions, VertexQuality, vertex_quality
-from capture_eval.similarity import Similarity
+from capture_eval.registration.texture_rounds import PhotoSet, RefinedPose, refine_by_texture
+from capture_eval.registration.vertex_confidence import VertexQuality, vertex_quality
 from capture_eval.stages.align import load_alignment, pose_status
+from capture_eval.stages.pose_tracker import PoseTracker
+from capture_eval.stages.register_options import RegisterOptions
 from capture_eval.stages.registration_inputs import (
     Template,
     load_photo_set,
-    load_pose_photos,
     load_scan,
     load_similarities,
     load_template,
@@ -51,36 +45,6 @@ from capture_eval.stages.registration_inputs import (
 logger = logging.getLogger("capture_eval.register")
 
 Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class RegisterOptions:
-    """Options of the register stage; lengths are in units of a template that is 300 large.
-
-    Attributes
-    ----------
-    neutral_rounds, pose_rounds : RoundOptions
-        Texture rounds of the neutral and of every other pose.
-    flow_texels, stereo_texels : int
-        Sizes of the two atlases.
-    minimum_match_share : float
-        A pose in which fewer of the cross-pose matches fit the registered mesh is a failed one.
-    minimum_matches : int
-        So is a pose with fewer matches in use.
-    """
-
-    neutral: NonrigidIcpOptions = field(default_factory=NonrigidIcpOptions)
-    lifting: LiftingOptions = field(default_factory=LiftingOptions)
-    tracking: TrackingOptions = field(default_factory=TrackingOptions)
-    neutral_rounds: RoundOptions = field(
-        default_factory=lambda: RoundOptions(half_ranges=(1.5, 0.8, 0.5), stiffness=1.5, use_flow=False)
-    )
-    pose_rounds: RoundOptions = field(default_factory=RoundOptions)
-    confidence: ConfidenceOptions = field(default_factory=ConfidenceOptions)
-    flow_texels: int = 1024
-    stereo_texels: int = 512
-    minimum_match_share: float = 0.25
-    minimum_matches: int = 40
 
 
 def register_neutral(
@@ -224,7 +188,7 @@ def track_poses(
     first = links[pose_names[0]]
     if first is None:
         raise RegistrationError(f"{pose_names[0]}: the neutral pose is not aligned")
-    tracker = _Tracker(parts, skin, solver, options)
+    tracker = PoseTracker(parts, skin, solver, options)
     tracker.start(work / pose_names[0], first, rest)
     vertices = np.full((len(pose_names), *rest.shape), np.nan)
     vertices[0] = parts.unit * rest
@@ -240,89 +204,6 @@ def track_poses(
     quality = {"poses": rows}
     write_json(folder / "tracking.json", quality)
     return quality
-
-
-class _Tracker:
-    """Goes from pose to pose; remembers the neutral's and the last good pose's rays."""
-
-    def __init__(
-        self, parts: Template, skin: NDArray[np.bool_], solver: DeformationSolver, options: RegisterOptions
-    ) -> None:
-        self.parts, self.skin, self.solver, self.options = parts, skin, solver, options
-
-    def start(self, pose_folder: Path, head_from_pose: Similarity, rest: Floats) -> None:
-        working = self.parts.working_from_head.compose(head_from_pose)
-        self.neutral_photos = load_pose_photos(pose_folder, working)
-        self.neutral_hits = self.neutral_photos.lift(Surface(rest, self.parts.triangles))
-        self.previous_photos, self.previous_hits = self.neutral_photos, self.neutral_hits
-        self.previous = rest
-
-    def advance(self, pose_folder: Path, head_from_pose: Similarity | None) -> tuple[dict[str, Any], Floats | None]:
-        started = time.process_time()
-        fault = _pose_fault(pose_folder, head_from_pose)
-        if fault or head_from_pose is None:
-            return {"status": "failed", "reason": fault}, None
-        working = self.parts.working_from_head.compose(head_from_pose)
-        scan = load_scan(pose_folder, working)
-        photos = load_pose_photos(pose_folder, working)
-        hits = photos.lift(scan)
-        lifting, rest = self.options.lifting, self.solver.operators.vertices
-        triangles = self.parts.triangles
-        raw = lift_matches(self.neutral_photos, self.neutral_hits, photos, hits, lifting)
-        matches = merge_agreeing(raw, rest, triangles, lifting)
-        chained = lift_matches(self.previous_photos, self.previous_hits, photos, hits, lifting)
-        chain = merge_agreeing(chained, self.previous, triangles, lifting)
-        tracked = track_pose(self.solver, self.skin, self.previous, scan, matches, chain, self.options.tracking)
-        row = {
-            "status": "ok",
-            "reason": "",
-            "raw_matches": len(raw.triangle),
-            "matches": len(matches.triangle),
-            "used_matches": len(tracked.matches.triangle),
-            "selected_share": tracked.selected_share,
-            "cpu_seconds": round(time.process_time() - started, 3),
-        }
-        fault = self._match_fault(row)
-        if fault:
-            return row | {"status": "failed", "reason": fault}, None
-        _save_matches(pose_folder / "matches.npz", tracked.matches, self.parts.unit)
-        self.previous_photos, self.previous = photos, tracked.vertices
-        self.previous_hits = photos.lift(Surface(tracked.vertices, triangles))
-        return row, tracked.vertices
-
-    def _match_fault(self, row: dict[str, Any]) -> str:
-        if row["used_matches"] < self.options.minimum_matches:
-            return f"{row['used_matches']} matches with the neutral fit, {self.options.minimum_matches} are needed"
-        if row["selected_share"] < self.options.minimum_match_share:
-            return (
-                f"only {row['selected_share']:.0%} of the matches with the neutral fit one deformation, "
-                f"{self.options.minimum_match_share:.0%} are needed"
-            )
-        return ""
-
-
-def _pose_fault(pose_folder: Path, head_from_pose: Similarity | None) -> str:
-    for stage in ("sparse", "surface"):
-        status = pose_status(pose_folder.parent, pose_folder.name, stage)
-        if status not in ("ok", "missing"):
-            return f"stage {stage} is {status}"
-    if head_from_pose is None:
-        return "not aligned to the neutral"
-    if not (pose_folder / "scan.ply").is_file():
-        return "no scan"
-    return ""
-
-
-def _save_matches(path: Path, matches: MaterialMatches, unit: float) -> None:
-    write_npz(
-        path,
-        {
-            "triangle": matches.triangle,
-            "barycentric": matches.barycentric,
-            "target": unit * matches.target,
-            "weight": matches.weight,
-        },
-    )
 
 
 def refine_pose(
