@@ -22,6 +22,7 @@ VERBS = (
     ("run", "run", "run"),
     ("compare", "compare", "compare"),
     ("check", "check", "check"),
+    ("blend", "blend", "blend"),
     ("doctor", "doctor", "doctor"),
     ("data", "data", "application"),
     ("curves", "curves", "application"),

@@ -1,0 +1,114 @@
+"""Many shapes of one mesh on disk, written while they are made: one npz, or a folder of OBJ files."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Callable, Iterable, Mapping
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture_eval.errors import InputError
+from capture_eval.files.atomic import atomic_path, write_bytes
+from capture_eval.polygon_mesh import PolygonMesh
+
+_ZIP_TIME = (1980, 1, 1, 0, 0, 0)  # a fixed date, so that equal arrays give equal bytes
+Blocks = Iterable[NDArray[np.floating]]
+Progress = Callable[[int, int], None]
+
+
+def write_shapes_npz(
+    path: Path,
+    blocks: Blocks,
+    shape: tuple[int, int, int],
+    precision: np.dtype[Any],
+    arrays: Mapping[str, NDArray[Any]],
+    progress: Progress | None = None,
+) -> None:
+    """Write ``vertices`` (K, V, 3) from blocks and other arrays to one npz, uncompressed.
+
+    Parameters
+    ----------
+    path : Path
+        File to write, whole or not at all.
+    blocks : iterable of (B, V, 3)
+        Adding up to K shapes; each is written before the next is taken.
+    shape : (int, int, int)
+        K, V, 3.
+    precision : dtype
+        Of the blocks.
+    arrays : mapping of name to array
+        Small arrays beside the vertices.
+    progress : callable, optional
+        Called with (done, total).
+
+    Raises
+    ------
+    InputError
+        Blocks that do not add up to K shapes.
+    """
+    with atomic_path(path) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_STORED) as archive:
+        for name, array in arrays.items():
+            buffer = io.BytesIO()
+            np.lib.format.write_array(buffer, np.asanyarray(array), allow_pickle=False)
+            archive.writestr(zipfile.ZipInfo(f"{name}.npy", date_time=_ZIP_TIME), buffer.getvalue())
+        member = zipfile.ZipInfo("vertices.npy", date_time=_ZIP_TIME)
+        with archive.open(member, "w", force_zip64=True) as stream:
+            header = {"descr": np.lib.format.dtype_to_descr(precision), "fortran_order": False, "shape": shape}
+            np.lib.format.write_array_header_1_0(stream, header)
+            done = 0
+            for block in blocks:
+                stream.write(np.ascontiguousarray(block, dtype=precision).data.cast("B"))
+                done += len(block)
+                if progress is not None:
+                    progress(done, shape[0])
+        if done != shape[0]:
+            raise InputError(f"{path}: {done} shapes were made, {shape[0]} promised")
+
+
+def write_shapes_obj(
+    folder: Path, blocks: Blocks, mesh: PolygonMesh, count: int, progress: Progress | None = None
+) -> list[Path]:
+    """Write every shape as ``shape_00001.obj`` …, each whole or not at all.
+
+    Parameters
+    ----------
+    folder : Path
+        Made if it is not there.
+    blocks : iterable of (B, V, 3)
+        Shapes.
+    mesh : PolygonMesh
+        Faces and texture coordinates.
+    count : int
+        Number of shapes, for the width of the numbers and the progress.
+    progress : callable, optional
+        Called with (done, total).
+    """
+    tail = _face_text(mesh).encode()
+    width = max(5, len(str(count)))
+    written: list[Path] = []
+    for block in blocks:
+        for vertices in block:
+            # the shortest text that reads back the same in its own precision
+            rows = vertices.tolist() if vertices.dtype == np.float64 else vertices.astype(str).tolist()
+            lines = "".join(f"v {x} {y} {z}\n" for x, y, z in rows)
+            written.append(Path(folder) / f"shape_{len(written) + 1:0{width}d}.obj")
+            write_bytes(written[-1], lines.encode() + tail)
+        if progress is not None:
+            progress(len(written), count)
+    return written
+
+
+def _face_text(mesh: PolygonMesh) -> str:
+    corners = [str(index + 1) for index in mesh.face_vertices.tolist()]
+    out = []
+    if mesh.texture_coordinates is not None and mesh.face_texture_indices is not None:
+        out = [f"vt {u!r} {v!r}" for u, v in mesh.texture_coordinates.tolist()]
+        pairs = zip(corners, mesh.face_texture_indices.tolist(), strict=True)
+        corners = [f"{a}/{b + 1}" for a, b in pairs]
+    out += ["f " + " ".join(corners[first:last]) for first, last in pairwise(mesh.face_offsets.tolist())]
+    return "\n".join(out) + "\n"
