@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture_eval.curves.extract import CurveSet
+from capture_eval.evaluation.best_fit_time import best_fit_rows
 from capture_eval.evaluation.error_table import ErrorTable, Evaluation
+from capture_eval.evaluation.method_comparison import compare_methods
 from capture_eval.evaluation.metrics import METRICS_VERSION, average_and_maximum, point_errors
 from capture_eval.evaluation.oracles import ORACLES, evaluate_oracles
 from capture_eval.evaluation.timing_path import split_timing_and_path
@@ -73,6 +75,8 @@ def summarise(
     oracles, best_timing = _oracle_rows(evaluation, curves, diameter)
     _add_ratios(rows, rows | oracles)
     noise = _noise_floor(evaluation, curves, diameter)
+    for name, fitted in best_fit_rows(curves, methods, diameter, evaluation.counted).items():
+        rows[name]["best_fit_time"] = fitted
     used: NDArray[np.bool_] = np.any(table.n_points > 0, axis=1)
     return {
         "schema": SUMMARY_SCHEMA,
@@ -85,6 +89,7 @@ def summarise(
         "best_timing": best_timing,
         "noise_floor": noise["mean_E_A"],
         "noise": noise,
+        "statistics": compare_methods(table, noise["mean_E_A"]),
         "counts": {
             "poses": len(pose_ok),
             "poses_failed": int(np.sum(~pose_ok)),

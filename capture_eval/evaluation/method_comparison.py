@@ -1,0 +1,121 @@
+"""Which of two methods is better, and whether these poses can tell: intervals, tests and verdicts for all pairs."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture_eval.evaluation.error_table import ErrorTable
+from capture_eval.evaluation.statistics import (
+    CONFIDENCE,
+    POWER,
+    RESAMPLES,
+    SEED,
+    bootstrap_interval,
+    holm_correction,
+    minimum_detectable_difference,
+    sign_flip_test,
+)
+
+Floats = NDArray[np.float64]
+
+SIGNIFICANCE = 1.0 - CONFIDENCE
+CAVEAT = (
+    "Poses of one movement of one subject are not independent samples of faces: intervals and tests say whether the "
+    "order of the methods holds throughout this movement, and allow no claim about people."
+)
+
+
+def compare_methods(table: ErrorTable, noise_floor: float | None) -> dict[str, Any]:
+    """Intervals of every method and a verdict for every pair, as plain values for ``summary.json``.
+
+    Each in-between pose gives one number per method, the mean of E_A over its curves. A pair is compared on the poses
+    and curves for which both have a value.
+
+    Parameters
+    ----------
+    table : ErrorTable
+        Errors as fractions of D.
+    noise_floor : float, optional
+        Mean E_A of what does not move.
+
+    Returns
+    -------
+    dict
+        ``methods``: mean and interval; ``pairs``: the first method against the second: difference of the means with
+        interval, p, p after Holm's correction over all pairs that are not equal to rounding, least detectable
+        difference, and ``verdict`` ``better``, ``worse`` or ``not resolved`` with its reason (``equal``, ``few
+        poses``, ``significance``, ``noise``).
+    """
+    methods = {}
+    for k, name in enumerate(table.methods):
+        values = _pose_means(table.average[k])
+        interval = bootstrap_interval(values)
+        mean = float(values.mean()) if len(values) else None
+        methods[name] = {"poses": len(values), "mean_E_A": mean, "interval": list(interval) if interval else None}
+    pairs = [_pair(table, a, b, noise_floor) for a, b in combinations(range(len(table.methods)), 2)]
+    tested = [pair for pair in pairs if pair["p"] is not None and not pair["equal"]]
+    for pair, corrected in zip(tested, holm_correction([pair["p"] for pair in tested]).tolist(), strict=True):
+        pair["p_holm"] = corrected
+    for pair in pairs:
+        pair["verdict"], pair["reason"] = _verdict(pair, noise_floor, len(tested))
+    return {
+        "definition": "per in-between pose the mean over curves of E_A; pairs on the poses both methods have",
+        "confidence": CONFIDENCE,
+        "power": POWER,
+        "resamples": RESAMPLES,
+        "seed": SEED,
+        "noise_floor": noise_floor,
+        "methods": methods,
+        "pairs": pairs,
+        "caveat": CAVEAT,
+    }
+
+
+def _pose_means(values: Floats) -> Floats:
+    """Mean over curves (N, T) → poses with any value."""
+    known = np.isfinite(values)
+    count = known.sum(axis=0)
+    total = np.where(known, values, 0.0).sum(axis=0)
+    result: Floats = total[count > 0] / count[count > 0]
+    return result
+
+
+def _pair(table: ErrorTable, a: int, b: int, noise_floor: float | None) -> dict[str, Any]:
+    first, second = table.average[a], table.average[b]
+    both = np.isfinite(first) & np.isfinite(second)
+    means = [_pose_means(np.where(both, values, np.nan)) for values in (first, second)]
+    differences = means[0] - means[1]
+    interval = bootstrap_interval(differences)
+    known = len(differences) > 0
+    largest = float(np.max(np.abs(np.concatenate([first[both], second[both]])), initial=0.0))
+    return {
+        "first": table.methods[a],
+        "second": table.methods[b],
+        "poses": len(differences),
+        "mean_first": float(means[0].mean()) if known else None,
+        "mean_second": float(means[1].mean()) if known else None,
+        "difference": float(differences.mean()) if known else None,
+        "interval": list(interval) if interval else None,
+        "equal": bool(np.all(np.abs(first - second)[both] <= 1e-9 * largest)) if known else False,
+        "p": sign_flip_test(differences) if known else None,
+        "p_holm": None,
+        "smallest_p": 2.0 ** (1 - len(differences)) if known else None,
+        "minimum_detectable": minimum_detectable_difference(differences, noise_floor),
+    }
+
+
+def _verdict(pair: dict[str, Any], noise_floor: float | None, tests: int) -> tuple[str, str | None]:
+    if pair["p"] is None:
+        return "not resolved", "few poses"
+    if pair["equal"]:
+        return "not resolved", "equal"
+    if pair["p_holm"] > SIGNIFICANCE + 1e-12:
+        # with so few poses no difference whatever could have passed the test
+        return "not resolved", "few poses" if pair["smallest_p"] * tests > SIGNIFICANCE else "significance"
+    if noise_floor is not None and abs(pair["difference"]) < noise_floor:
+        return "not resolved", "noise"
+    return ("better" if pair["difference"] < 0 else "worse"), None
