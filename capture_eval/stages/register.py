@@ -30,6 +30,7 @@ from capture_eval.registration.texture_baking import BakedTexture, bake_texture
 from capture_eval.registration.texture_rounds import PhotoSet, RefinedPose, refine_by_texture
 from capture_eval.registration.vertex_confidence import VertexQuality, vertex_quality
 from capture_eval.stages.align import load_alignment, pose_status
+from capture_eval.stages.pose_frame import stabilised, straightened
 from capture_eval.stages.pose_tracker import PoseTracker
 from capture_eval.stages.register_options import RegisterOptions
 from capture_eval.stages.registration_inputs import (
@@ -85,7 +86,7 @@ def register_neutral(
     logger.info("register neutral: %d of %d vertices are skin", np.count_nonzero(skin), len(skin))
     fit = fit_template(rest, parts.triangles, skin, scan, placed, options.neutral)
     logger.info("register neutral: fitted, texture stereo follows")
-    photos = load_photo_set(work / neutral, working)
+    photos = straightened(load_photo_set(work / neutral, working), fit.vertices, parts, options)
     refined, texture = _refine_neutral(parts, fit.vertices, skin, photos, scan, options)
     quality = _quality(parts, refined, photos, scan, skin, options)
     write_npz(
@@ -268,7 +269,7 @@ def _refined_arrays(
     texture = BakedTexture(saved["image"], saved["weight"], saved["mask"])
     raw = read_npz(work / pose_name / "matches.npz")
     matches = MaterialMatches(raw["triangle"], raw["barycentric"], raw["target"] / parts.unit, raw["weight"])
-    photos = load_photo_set(work / pose_name, working)
+    photos = straightened(load_photo_set(work / pose_name, working), start / parts.unit, parts, options)
     scan = load_scan(work / pose_name, working)
     refined = refine_by_texture(
         solver,
@@ -281,7 +282,9 @@ def _refined_arrays(
         matches,
         options.pose_rounds,
     )
-    return _saved(parts, refined.vertices, _quality(parts, refined, photos, scan, skin, options))
+    quality = _quality(parts, refined, photos, scan, skin, options)
+    settled = stabilised(refined.vertices, rest, np.minimum(quality.confidence, neutral["confidence"]), options)
+    return _saved(parts, settled, quality)
 
 
 def collect_registration(

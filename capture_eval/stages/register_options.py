@@ -25,6 +25,12 @@ class RegisterOptions:
         A pose in which fewer of the cross-pose matches fit the registered mesh is a failed one.
     minimum_matches : int
         So is a pose with fewer matches in use.
+    straighten_cameras : bool
+        Adjust the cameras of every pose to the texture of its registered mesh before the texture rounds.
+    stabilise : bool
+        Afterwards bring the skin that did not move back to where it is in the neutral.
+    rigid_region : tuple of int or None
+        Template vertices that do not move (skull); the stabilisation looks at no others.
     """
 
     neutral: NonrigidIcpOptions = field(default_factory=NonrigidIcpOptions)
@@ -39,3 +45,6 @@ class RegisterOptions:
     stereo_texels: int = 512
     minimum_match_share: float = 0.25
     minimum_matches: int = 40
+    straighten_cameras: bool = True
+    stabilise: bool = True
+    rigid_region: tuple[int, ...] | None = None

@@ -210,7 +210,9 @@ class _Keys:
         stage = STAGE_OF_STEP.get(name, name)
         if stage not in OPTION_CLASSES:
             return {}
-        return dataclasses.asdict(stage_options(self._capture, stage, self._threads))
+        options = dataclasses.asdict(stage_options(self._capture, stage, self._threads))
+        # files count by their content (see _inputs), so that a folder can be moved
+        return {key: value for key, value in options.items() if not isinstance(value, Path)}
 
     def _inputs(self, name: str, pose: PoseEntry | None) -> dict[str, Any]:
         manifest = self._capture.manifest
@@ -218,7 +220,7 @@ class _Keys:
             photos = self._hashes.of_files(list_photos(self._capture.resolve(pose.photos or "")))
             masks = {} if pose.masks is None else self._hashes.of_files(list_photos(self._capture.resolve(pose.masks)))
             return {"photos": photos, "masks": masks, "known_views": self._file(manifest.camera.known_views)}
-        if name == "neutral" and manifest.template is not None:
+        if name in ("align", "neutral") and manifest.template is not None:
             region = manifest.rigid_region
             return {
                 "template": {key: self._file(value) for key, value in manifest.template.model_dump().items()},

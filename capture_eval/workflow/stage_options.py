@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from capture_eval.errors import InputError
+from capture_eval.files.manifest_files import read_yaml
 
 if TYPE_CHECKING:
     from capture_eval.cameras import Intrinsics
@@ -116,10 +117,35 @@ def _implied(capture: Capture, stage: str) -> dict[str, Any]:
             "known_cameras": None if camera.known_views is None else capture.resolve(camera.known_views),
         }
     if stage == "align":
-        return {"shared_frame": manifest.camera.known_views is not None}
+        template = manifest.template
+        return {
+            "shared_frame": manifest.camera.known_views is not None,
+            "rigid_region": rigid_region(capture),
+            "template": None if template is None else capture.resolve(template.mesh),
+            "landmarks": None if template is None else capture.resolve(template.landmarks),
+        }
+    if stage == "register":
+        return {"rigid_region": rigid_region(capture)}
     if stage == "dense":
         return {"backend": manifest.dense.back_end, "max_image_size": manifest.dense.max_image_size}
     return {}
+
+
+def rigid_region(capture: Capture) -> tuple[int, ...] | None:
+    """Template vertices that do not move, from the manifest or the file it names.
+
+    Raises
+    ------
+    InputError
+        The file is not a list of vertex numbers.
+    """
+    region: Any = capture.manifest.rigid_region
+    if isinstance(region, str):
+        path = capture.resolve(region)
+        region = read_yaml(path)
+        if not isinstance(region, list) or not all(isinstance(vertex, int) and vertex >= 0 for vertex in region):
+            raise InputError(f"{path}: must be a list of vertex numbers")
+    return None if region is None else tuple(region)
 
 
 def _intrinsics(entry: IntrinsicsEntry) -> Intrinsics:

@@ -100,7 +100,11 @@ def _sparse(context: StepContext) -> Any:
 def _dense(context: StepContext) -> Any:
     from capture_eval.stages.dense import reconstruct_dense
 
-    return reconstruct_dense(context.pose_folder, context.options("dense"))
+    options = context.options("dense")
+    masks = context.pose_entry.masks
+    if masks is not None:
+        options = dataclasses.replace(options, masks=context.capture.resolve(masks))
+    return reconstruct_dense(context.pose_folder, options)
 
 
 def _surface(context: StepContext) -> Any:
