@@ -64,12 +64,17 @@ def _own_layers(tree: ast.AST, path: Path) -> set[str]:
 
 
 def _top_level(tree: ast.Module) -> ast.Module:
-    """What runs when the module is imported: no bodies of functions, nothing under TYPE_CHECKING."""
+    """What runs when the module is imported: no bodies of functions or methods, nothing under TYPE_CHECKING."""
     kept: list[ast.stmt] = []
-    for node in tree.body:
+    waiting = list(tree.body)
+    while waiting:
+        node = waiting.pop()
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             continue
         if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
+            continue
+        if isinstance(node, ast.ClassDef):
+            waiting.extend(node.body)
             continue
         kept.append(node)
     return ast.Module(kept, [])
