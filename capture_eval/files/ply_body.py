@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -118,7 +119,7 @@ def read_ascii_body(path: Path, elements: Sequence[Element], body: bytes) -> dic
     columns: dict[str, dict[str, Column]] = {}
     position = 0
     for element in elements:
-        widths = _first_row_widths(element, lambda at, start=position: _value_or_zero(numbers, start + at))
+        widths = _first_row_widths(element, partial(_value_after, numbers, position))
         total = sum(widths) * element.count
         if element.count == 0:
             columns[element.name] = {}
@@ -133,8 +134,10 @@ def read_ascii_body(path: Path, elements: Sequence[Element], body: bytes) -> dic
     return columns
 
 
-def _value_or_zero(numbers: Floats, at: int) -> int:
-    return int(numbers[at]) if at < len(numbers) and 0 <= numbers[at] < 1e6 else 0
+def _value_after(numbers: Floats, start: int, at: int) -> int:
+    """Number ``at`` places after ``start``; 0 beyond the end or where it is no length of a list."""
+    place = start + at
+    return int(numbers[place]) if place < len(numbers) and 0 <= numbers[place] < 1e6 else 0
 
 
 def _first_row_widths(element: Element, value_at: Callable[[int], int]) -> list[int]:
