@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from capture_eval.curves.edge_loops import edge_topology
 from capture_eval.curves.extract import Curve, CurveSet, extract_curves, resolve_curves
-from capture_eval.errors import InputError
+from capture_eval.errors import InputError, SolverError
 from capture_eval.evaluation.error_table import ErrorTable, Evaluation, check_pose_times, evaluate_curves
+from capture_eval.evaluation.fit_report import fit_report, training_poses
 from capture_eval.evaluation.summary import summarise
 from capture_eval.evaluation.truth_comparison import compare_with_truth
 from capture_eval.files.atomic import read_json, read_npz, write_json, write_npz, write_text
@@ -44,10 +45,14 @@ class EvaluateOptions:
         pose, which enough photos see in every registered pose, or all. Meshes given as such always count in full.
     confidence_threshold : float
         In [0, 1].
+    fit : {"none", "shared", "per_curve"}
+        Fit the PDE's parameters to every second in-between pose and judge them on the others: one set for all curves,
+        also one for every curve (seconds), or not at all.
     """
 
     evaluation_vertices: Literal["confident", "seen", "all"] = "confident"
     confidence_threshold: float = 0.5
+    fit: Literal["none", "shared", "per_curve"] = "shared"
 
 
 @dataclass(frozen=True)
@@ -101,11 +106,19 @@ def evaluate_capture(
     found = _resolve(curves, mesh)
     counted = _counted_vertices(poses, options)
     photos = _count_photos(Path(work))
-    return _evaluate_and_save(poses, mesh, found, methods, counted, options.evaluation_vertices, Path(report), photos)
+    saved = _evaluate_and_save(
+        poses, mesh, found, methods, counted, options.evaluation_vertices, Path(report), options.fit, photos
+    )
+    return saved
 
 
 def evaluate_meshes(
-    meshes: Sequence[Path], t: Sequence[float], curves: Path, methods: MethodEntries, report: Path
+    meshes: Sequence[Path],
+    t: Sequence[float],
+    curves: Path,
+    methods: MethodEntries,
+    report: Path,
+    options: EvaluateOptions | None = None,
 ) -> dict[str, Any]:
     """Evaluate all methods on meshes that already share one topology; all vertices count.
 
@@ -117,6 +130,8 @@ def evaluate_meshes(
         Times, rising from 0 to 1.
     curves, methods, report
         See `evaluate_capture`.
+    options : EvaluateOptions, optional
+        Of these only ``fit`` matters.
 
     Raises
     ------
@@ -138,7 +153,8 @@ def evaluate_meshes(
         positions.append(mesh.vertices)
     poses = _Poses(np.asarray(t, dtype=np.float64), np.stack(positions), np.ones(len(meshes), dtype=bool))
     counted = np.ones(len(neutral.vertices), dtype=bool)
-    return _evaluate_and_save(poses, neutral, _resolve(curves, neutral), methods, counted, "all", Path(report))
+    fit = (options or EvaluateOptions()).fit
+    return _evaluate_and_save(poses, neutral, _resolve(curves, neutral), methods, counted, "all", Path(report), fit)
 
 
 def evaluate_truth(
@@ -260,11 +276,13 @@ def _evaluate_and_save(
     counted: Booleans,
     which: str,
     report: Path,
+    fit: str,
     photos: Mapping[str, int | None] | None = None,
 ) -> dict[str, Any]:
     created = create_methods(methods)
     evaluation, extracted, size = _evaluate(poses, curves, created, counted)
     summary = summarise(evaluation, extracted, created, size, poses.ok, which)
+    summary["fit"] = _fit(extracted, poses, size, evaluation, fit)
     summary["counts"] |= photos or {"photos": None, "photos_registered": None}
     _log(summary)
     _save_poses(report / "registered.npz", poses, mesh, counted)
@@ -273,6 +291,19 @@ def _evaluate_and_save(
     write_text(report / "errors.csv", errors_csv(evaluation.table.rows()))
     write_json(report / "summary.json", summary)
     return summary
+
+
+def _fit(curves: CurveSet, poses: _Poses, size: float, evaluation: Evaluation, fit: str) -> dict[str, Any]:
+    """What fitted parameters are worth on poses that were held out, or why there is no such thing."""
+    if fit not in ("none", "shared", "per_curve"):
+        raise InputError(f"fit is '{fit}'; known are none, shared, per_curve")
+    if fit == "none":
+        return {"rows": [], "reason": "not asked for"}
+    try:
+        training = training_poses(poses.ok)
+        return fit_report(curves, poses.t, size, evaluation.counted, training, fit == "per_curve")
+    except (InputError, SolverError) as problem:
+        return {"rows": [], "reason": str(problem)}
 
 
 def _count_photos(work: Path) -> dict[str, int | None]:

@@ -31,5 +31,6 @@ def compare_meshes(capture: Capture, out: Path) -> None:
         capture.resolve(manifest.curves or ""),
         [(method.name, dict(method.options)) for method in manifest.method_entries],
         out / "report",
+        stage_options(capture, "evaluate"),
     )
     write_report(out, report_info(capture, out), stage_options(capture, "report"))
