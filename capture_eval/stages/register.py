@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_eval.errors import InputError, RegistrationError
+from capture_eval.errors import InputError, RegistrationError, SolverError
 from capture_eval.files.atomic import read_json, read_npz, write_json, write_npz
 from capture_eval.registration.deformation_solver import DeformationSolver
 from capture_eval.registration.lifted_matches import (
@@ -195,7 +195,10 @@ def track_poses(
     vertices[0] = parts.unit * rest
     rows: list[dict[str, Any]] = [{"pose": pose_names[0], "status": "ok", "reason": ""}]
     for index, name in enumerate(pose_names[1:], start=1):
-        row, tracked = tracker.advance(work / name, links.get(name))
+        try:
+            row, tracked = tracker.advance(work / name, links.get(name))
+        except (SolverError, RegistrationError) as error:
+            row, tracked = {"status": "failed", "reason": str(error)}, None
         rows.append({"pose": name} | row)
         logger.info("track %s: %s %s", name, row["status"], row["reason"])
         if tracked is not None:
@@ -226,19 +229,18 @@ def refine_pose(
         raise InputError(f"{folder / 'start.npz'}: no pose {pose_name}")
     index = names.index(pose_name)
     if not start["ok"][index]:
-        (work / pose_name / "registered.npz").unlink(missing_ok=True)
-        row: dict[str, Any] = {"status": "skipped", "reason": "not tracked"}
-        write_json(work / pose_name / "registered.json", row)
-        return row
+        return _without_result(work / pose_name, "skipped", "not tracked")
     neutral = read_npz(folder / "neutral.npz")
     if index == 0:
         arrays = {key: neutral[key] for key in ("vertices", "residual", "confidence", "seen")}
     else:
-        arrays = _refined_arrays(
-            work, load_template(template, occluders), pose_name, neutral, start["vertices"][index], options
-        )
+        parts = load_template(template, occluders)
+        try:
+            arrays = _refined_arrays(work, parts, pose_name, neutral, start["vertices"][index], options)
+        except (SolverError, RegistrationError) as error:
+            return _without_result(work / pose_name, "failed", str(error))
     write_npz(work / pose_name / "registered.npz", arrays)
-    row = {
+    row: dict[str, Any] = {
         "status": "ok",
         "reason": "",
         "confident_share_of_seen": float(np.mean(arrays["confidence"][arrays["seen"]] > 0.5)),
@@ -246,6 +248,15 @@ def refine_pose(
     }
     write_json(work / pose_name / "registered.json", row)
     logger.info("refine %s: ok", pose_name)
+    return row
+
+
+def _without_result(pose_folder: Path, status: str, reason: str) -> dict[str, Any]:
+    """The row of a pose that has no registered mesh; an older one must not be believed."""
+    (pose_folder / "registered.npz").unlink(missing_ok=True)
+    row: dict[str, Any] = {"status": status, "reason": reason}
+    write_json(pose_folder / "registered.json", row)
+    logger.info("refine %s: %s (%s)", pose_folder.name, status, reason)
     return row
 
 
