@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from capture_eval.curves.extract import CurveSet
 from capture_eval.errors import InputError
 from capture_eval.evaluation.metrics import average_and_maximum, check_diameter, point_errors
-from capture_eval.interpolation.method import InterpolationMethod
+from capture_eval.interpolation.method import InterpolationMethod, KeyPoseMethod
 
 Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]
@@ -30,7 +30,7 @@ class ErrorTable:
     n_points : (N, T) int64
         Points that count; 0 where a pose, an end pose or all points of a curve are missing.
     average, maximum : (K, N, T) float64
-        E_A and E_M; NaN where ``n_points`` is 0.
+        E_A and E_M; NaN where ``n_points`` is 0, and at poses that a method was given.
     """
 
     methods: tuple[str, ...]
@@ -55,7 +55,7 @@ class ErrorTable:
                 method,
                 curve,
                 float(self.t[i]),
-                int(self.n_points[n, i]),
+                int(self.n_points[n, i]) if np.isfinite(self.average[k, n, i]) else 0,
                 float(self.average[k, n, i]),
                 float(self.maximum[k, n, i]),
             )
@@ -145,20 +145,38 @@ def evaluate_curves(
     n_points = np.zeros(shape[1:], dtype=np.int64)
     predictions: dict[str, tuple[Floats, ...]] = {}
     for k, (name, method) in enumerate(methods.items()):
-        predictions[name] = tuple(_predict(curves, n, times, name, method) for n in range(len(curves)))
+        keys = _key_poses(name, method, times)
+        predictions[name] = tuple(_predict(curves, n, times, name, method, keys) for n in range(len(curves)))
         for n, predicted in enumerate(predictions[name]):
             errors = point_errors(predicted[1:-1], curves.positions[n][1:-1], diameter)
-            average[k, n], maximum[k, n], n_points[n] = average_and_maximum(errors, counted[n])
+            average[k, n], maximum[k, n], found = average_and_maximum(errors, counted[n])
+            n_points[n] = np.maximum(n_points[n], found)  # a method may lack a key pose that others do not need
+        average[k][:, keys - 1] = maximum[k][:, keys - 1] = np.nan  # what a method was given is no prediction
     names = tuple(curve.name for curve in curves.curves)
     table = ErrorTable(tuple(methods), names, times[1:-1].copy(), n_points, average, maximum)
     return Evaluation(table, predictions, counted)
 
 
-def _predict(curves: CurveSet, n: int, times: Floats, name: str, method: InterpolationMethod) -> Floats:
+def _key_poses(name: str, method: InterpolationMethod, times: Floats) -> NDArray[np.int64]:
+    """Indices of the poses that a method must be given besides the ends."""
+    wanted = np.asarray(method.key_times if isinstance(method, KeyPoseMethod) else (), dtype=np.float64)
+    nearest = np.abs(times[:, None] - wanted).argmin(axis=0) if len(wanted) else np.zeros(0, dtype=np.int64)
+    missing = np.abs(times[nearest] - wanted) > 1e-9
+    if missing.any():
+        listed = np.array2string(times[1:-1], threshold=12)
+        raise InputError(f"method '{name}': no pose at its key time {wanted[missing][0]:g}; in-between poses: {listed}")
+    return np.asarray(nearest, dtype=np.int64)
+
+
+def _predict(
+    curves: CurveSet, n: int, times: Floats, name: str, method: InterpolationMethod, keys: NDArray[np.int64]
+) -> Floats:
     curve, positions = curves.curves[n], curves.positions[n]
-    if not (np.isfinite(positions[0]).all() and np.isfinite(positions[-1]).all()):
+    if not np.isfinite(positions[[0, -1, *keys.tolist()]]).all():
         return np.full(positions.shape, np.nan)
     try:
+        if isinstance(method, KeyPoseMethod):
+            return method.predict_with_keys(positions[0], positions[keys], positions[-1], curve.closed, times)
         return method.predict(positions[0], positions[-1], curve.closed, times)
     except ValueError as problem:
         raise type(problem)(f"method '{name}', curve '{curve.name}': {problem}") from problem

@@ -16,7 +16,7 @@ from capture_eval.evaluation.metrics import METRICS_VERSION, average_and_maximum
 from capture_eval.evaluation.oracles import ORACLES, evaluate_oracles
 from capture_eval.evaluation.timing_path import split_timing_and_path
 from capture_eval.interpolation.linear import LinearInterpolation
-from capture_eval.interpolation.method import InterpolationMethod
+from capture_eval.interpolation.method import InterpolationMethod, KeyPoseMethod
 
 Floats = NDArray[np.float64]
 
@@ -75,7 +75,8 @@ def summarise(
     oracles, best_timing = _oracle_rows(evaluation, curves, diameter)
     _add_ratios(rows, rows | oracles)
     noise = _noise_floor(evaluation, curves, diameter)
-    for name, fitted in best_fit_rows(curves, methods, diameter, evaluation.counted).items():
+    free = {name: method for name, method in methods.items() if not isinstance(method, KeyPoseMethod)}
+    for name, fitted in best_fit_rows(curves, free, diameter, evaluation.counted).items():
         rows[name]["best_fit_time"] = fitted
     used: NDArray[np.bool_] = np.any(table.n_points > 0, axis=1)
     return {
@@ -118,6 +119,7 @@ def _method_row(
         "title": method.title,
         "reference": method.reference,
         "options": dict(method.options),
+        "key_times": list(method.key_times) if isinstance(method, KeyPoseMethod) else [],
         **largest_errors(table, name),
         "LME_ratio_to_linear": None,
         "LAE_ratio_to_linear": None,
@@ -135,11 +137,12 @@ def _mean(values: Floats) -> float | None:
 
 def _root_mean_squares(evaluation: Evaluation, curves: CurveSet, name: str, diameter: float) -> dict[str, float | None]:
     """RMS over all counted points and in-between poses, and its parts: ``rms² = rms_timing² + rms_path²``."""
+    k = evaluation.table.methods.index(name)
     timing, path = [], []
     for n, truth in enumerate(curves.positions):
         predicted = evaluation.predictions[name][n][1:-1]
         split = split_timing_and_path(predicted, truth[1:-1], truth[0], truth[-1], diameter)
-        valid = evaluation.table.n_points[n] > 0
+        valid = (evaluation.table.n_points[n] > 0) & np.isfinite(evaluation.table.average[k, n])
         timing.append(split.timing[valid][:, evaluation.counted[n]].ravel() ** 2)
         path.append(split.path[valid][:, evaluation.counted[n]].ravel() ** 2)
     squares = [np.concatenate(part) for part in (timing, path)]

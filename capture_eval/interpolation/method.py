@@ -61,6 +61,22 @@ class InterpolationMethod(Protocol):
         ...
 
 
+@runtime_checkable
+class KeyPoseMethod(InterpolationMethod, Protocol):
+    """A method that is given further poses between the ends; it is judged on the remaining ones."""
+
+    @property
+    def key_times(self) -> tuple[float, ...]:
+        """t of the poses it must be given, rising, inside (0, 1)."""
+        ...
+
+    def predict_with_keys(
+        self, start: ArrayLike, keys: ArrayLike, end: ArrayLike, closed: bool, times: ArrayLike
+    ) -> Floats:
+        """As ``predict``, with the shapes ``keys`` (Q, M, 3) at the key times."""
+        ...
+
+
 def check_curve_pair(start: ArrayLike, end: ArrayLike, closed: bool, times: ArrayLike) -> tuple[Floats, Floats, Floats]:
     """The arguments of ``predict`` as float64 arrays, checked.
 

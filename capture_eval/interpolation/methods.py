@@ -15,6 +15,7 @@ from importlib import metadata
 from capture_eval.errors import InputError
 from capture_eval.interpolation.causal_pde import CausalPde
 from capture_eval.interpolation.dynamic_pde import DynamicPde
+from capture_eval.interpolation.key_pose_splines import KeyPoseSpline
 from capture_eval.interpolation.linear import LinearInterpolation
 from capture_eval.interpolation.method import InterpolationMethod
 from capture_eval.interpolation.pde_surface import PdeSurfaceInterpolation
@@ -36,6 +37,8 @@ METHODS: dict[str, Callable[..., InterpolationMethod]] = {
     "power": PowerInterpolation,
     "beta": BetaInterpolation,
     "monotone": MonotoneInterpolation,
+    "catmull_rom": partial(KeyPoseSpline, kind="catmull_rom"),
+    "b_spline": partial(KeyPoseSpline, kind="b_spline"),
     "pde_surface": PdeSurfaceInterpolation,
 }
 ENTRY_POINT_GROUP = "capture_eval.methods"

@@ -21,6 +21,7 @@ from capture_eval.files.curve_files import read_curves
 from capture_eval.files.mesh_files import read_mesh
 from capture_eval.interpolation.blendshapes import blend_basis, blend_blocks, expression_motion, vertices_on_curves
 from capture_eval.interpolation.mesh_extension import Extension, MeshExtension
+from capture_eval.interpolation.method import KeyPoseMethod
 from capture_eval.interpolation.methods import create_method
 from capture_eval.interpolation.weight_grid import check_weights, first_of_equals, normalise_weights, weight_grid
 from capture_eval.polygon_mesh import PolygonMesh
@@ -109,6 +110,8 @@ def blend_expressions(
     on = vertices_on_curves(found, len(mesh.vertices))
     extension = MeshExtension(mesh.vertices, mesh.triangles()[0], on, options.extension)
     method = create_method(options.method, options.method_options)
+    if isinstance(method, KeyPoseMethod) and method.key_times:
+        raise InputError(f"method '{options.method}' needs key poses, which blending does not have")
     motions = [
         expression_motion(mesh.vertices, shape, found, method, options.t, extension) for shape in expressions.values()
     ]
