@@ -7,6 +7,11 @@
 # Settings of pip and apt that this machine has in the environment (proxies, certificates, mirrors) are handed on.
 set -eu
 
+# in a mount namespace of its own, so that nothing of this machine can stay bound into a root that is removed later
+if [ -z "${CAPTURE_EVAL_OWN_MOUNTS:-}" ]; then
+    CAPTURE_EVAL_OWN_MOUNTS=1 exec unshare --mount --propagation private "$0" "$@"
+fi
+
 dockerfile=${1:-docker/Dockerfile}
 folder=${2:-build/clean-root}
 suite=bookworm
@@ -21,15 +26,7 @@ rm -rf "$folder/root"
 cp -a "$folder/base" "$folder/root"
 root=$folder/root
 
-mounted=
-finish() {
-    for place in $mounted; do umount "$root/$place" || true; done
-}
-trap finish EXIT INT TERM
-for place in proc dev; do
-    mount --bind "/$place" "$root/$place"
-    mounted="$place $mounted"
-done
+mount -t proc proc "$root/proc"
 cp /etc/resolv.conf "$root/etc/resolv.conf"
 [ ! -f /etc/hosts ] || cp /etc/hosts "$root/etc/hosts"
 for settings in /etc/apt/apt.conf.d/*proxy* /etc/pip.conf; do
