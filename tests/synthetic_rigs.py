@@ -1,4 +1,4 @@
-"""Rigs for tests: a small sheet of a face with bumps as shapes, mirrored in x, and the case that can be done by hand."""
+"""Rigs for tests: a small sheet of a face with bumps as shapes, mirrored in x, and the case done by hand."""
 
 from __future__ import annotations
 

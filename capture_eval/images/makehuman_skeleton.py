@@ -74,9 +74,15 @@ def pose_vertices(assets: MakeHumanAssets, rest: FloatArray, motion: str, amount
     amount
         0 = rest, 1 = full motion; scales the angles.
     """
+    return pose_by_turns(assets, rest, bone_rotations(assets, motion), amount)
+
+
+def pose_by_turns(
+    assets: MakeHumanAssets, rest: FloatArray, turns: Mapping[str, FloatArray], amount: float = 1.0
+) -> FloatArray:
+    """Posed positions of all base vertices for rotation vectors (radians) of bones, scaled by an amount."""
     from scipy.spatial.transform import Rotation
 
-    turns = bone_rotations(assets, motion)
     moved = np.zeros_like(rest)
     total = np.zeros(len(rest))
     rotations: dict[str, FloatArray] = {}
