@@ -137,7 +137,7 @@ def extract_curves(curves: Sequence[Curve], vertices: Floats) -> CurveSet:
     ----------
     curves : sequence of Curve
         On the template.
-    vertices : (P, V, 3) float64
+    vertices : (P, V, 3) of float32 or float64
         Registered vertices of all poses; NaN for a failed pose.
 
     Returns
@@ -150,9 +150,9 @@ def extract_curves(curves: Sequence[Curve], vertices: Floats) -> CurveSet:
     InputError
         Wrong shape, or a curve that runs through a vertex the meshes do not have; names the curve.
     """
-    positions = np.asarray(vertices, dtype=np.float64)
+    positions = np.asarray(vertices)  # a large file of single precision is not copied as a whole
     if positions.ndim != 3 or positions.shape[2] != 3:
         raise InputError(f"vertices have shape {positions.shape}, expected (poses, vertices, 3)")
     for curve in curves:
         _check_inside(curve, positions.shape[1])
-    return CurveSet(tuple(curves), tuple(positions[:, curve.vertices] for curve in curves))
+    return CurveSet(tuple(curves), tuple(positions[:, c.vertices].astype(np.float64) for c in curves))

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import io
 import zipfile
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -19,6 +21,69 @@ from capture_eval.polygon_mesh import PolygonMesh
 _ZIP_TIME = (1980, 1, 1, 0, 0, 0)  # a fixed date, so that equal arrays give equal bytes
 Blocks = Iterable[NDArray[np.floating]]
 Progress = Callable[[int, int], None]
+
+
+class _WriteBehind(io.RawIOBase):
+    """A file whose writes happen in a thread of their own, so that the next shapes are made meanwhile."""
+
+    _PENDING = 2  # writes that may wait; each holds one block
+
+    def __init__(self, raw: io.FileIO) -> None:
+        self._raw = raw
+        self._place = 0
+        self._pool = ThreadPoolExecutor(max_workers=1)
+        self._pending: deque[tuple[Future[None], bytearray]] = deque()
+        self._free: list[bytearray] = []  # used again, since fresh memory costs more than copying
+
+    def writable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+    def write(self, data: Any) -> int:
+        if len(self._pending) >= self._PENDING:
+            self._finish_one()
+        content = memoryview(data).cast("B")
+        buffer = next((one for one in self._free if len(one) >= len(content)), None)
+        if buffer is None:
+            buffer = bytearray(len(content))
+        else:
+            self._free.remove(buffer)
+        memoryview(buffer)[: len(content)] = content  # the caller uses its memory again
+        written = self._pool.submit(self._write_all, memoryview(buffer)[: len(content)])
+        self._pending.append((written, buffer))
+        self._place += len(content)
+        return len(content)
+
+    def _finish_one(self) -> None:
+        written, buffer = self._pending.popleft()
+        written.result()
+        self._free.append(buffer)
+
+    def _write_all(self, left: memoryview) -> None:
+        while left:
+            left = left[self._raw.write(left) or 0 :]
+
+    def tell(self) -> int:
+        return self._place
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        self.flush()
+        self._place = self._raw.seek(offset, whence)
+        return self._place
+
+    def flush(self) -> None:
+        while self._pending:
+            self._finish_one()
+
+    def close(self) -> None:
+        if not self.closed:
+            try:
+                self.flush()
+            finally:
+                self._pool.shutdown(wait=True, cancel_futures=True)
+                super().close()
 
 
 def write_shapes_npz(
@@ -51,7 +116,12 @@ def write_shapes_npz(
     InputError
         Blocks that do not add up to K shapes.
     """
-    with atomic_path(path) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_STORED) as archive:
+    with (
+        atomic_path(path) as temporary,
+        open(temporary, "wb", buffering=0) as raw,
+        _WriteBehind(raw) as behind,
+        zipfile.ZipFile(behind, "w", zipfile.ZIP_STORED) as archive,
+    ):
         for name, array in arrays.items():
             buffer = io.BytesIO()
             np.lib.format.write_array(buffer, np.asanyarray(array), allow_pickle=False)
