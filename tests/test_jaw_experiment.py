@@ -10,15 +10,13 @@ face and is not compared.
 import numpy as np
 import pytest
 
-from capture_eval.curves.extract import Curve, CurveSet, extract_curves
 from capture_eval.evaluation.error_table import evaluate_curves
+from capture_eval.evaluation.hinged_jaw import hinged_jaw
 from capture_eval.evaluation.oracles import evaluate_oracles
 from capture_eval.evaluation.summary import largest_errors, summarise
 from capture_eval.interpolation.dynamic_pde import DynamicPde
 from capture_eval.interpolation.methods import create_methods
 
-LOOPS, AROUND = 49, 103
-ANGLE = np.deg2rad(25.0)
 T = np.linspace(0.0, 1.0, 11)
 TIMINGS = {"even": T, "accelerating": T**2, "eased": 3 * T**2 - 2 * T**3}
 METHODS = [
@@ -39,32 +37,18 @@ EXPECTED = {
 ORACLES = (20.9, 20.8, 20.9)
 
 
-def jaw(share: np.ndarray) -> CurveSet:
-    """The loops in all poses; ``share`` is the part of the angle in each."""
-    ring, turn = np.meshgrid(np.linspace(0.1, 1.0, LOOPS), 2 * np.pi * np.arange(AROUND) / AROUND, indexing="ij")
-    across, up = 0.35 * ring * np.sin(turn), 0.45 * ring * np.cos(turn)
-    forward = np.sqrt(1 - (across / 0.4) ** 2 * 0.5 - (up / 0.5) ** 2 * 0.5)
-    points = np.stack([across, up, forward], axis=-1).reshape(-1, 3)
-    below = np.clip(-points[:, 1] / 0.25, 0.0, 1.0)
-    weights = below**2 * (3 - 2 * below)
-    arm = points[:, 1:] - np.array([0.1, 0.2])  # from the hinge, which runs from ear to ear
-    radius = np.linalg.norm(arm, axis=1)
-    farthest = (2 * radius * np.sin(0.5 * ANGLE * weights)).max()
-    assert weights[np.argmax(radius * np.sin(0.5 * ANGLE * weights))] > 0.999
-    arm, points = arm * 0.381 / farthest, points * 0.381 / farthest
-    angle = ANGLE * share[:, None] * weights
-    moved = np.repeat(points[None], len(share), axis=0)
-    moved[..., 1] += np.cos(angle) * arm[:, 0] - np.sin(angle) * arm[:, 1] - arm[:, 0]
-    moved[..., 2] += np.sin(angle) * arm[:, 0] + np.cos(angle) * arm[:, 1] - arm[:, 1]
-    indices = np.arange(LOOPS * AROUND).reshape(LOOPS, AROUND)
-    return extract_curves([Curve(f"loop_{n}", loop, True) for n, loop in enumerate(indices)], moved)
+def test_the_jaw_is_as_described() -> None:
+    curves = hinged_jaw(T)
+    assert (len(curves), sum(len(curve.vertices) for curve in curves.curves)) == (49, 5047)
+    largest = max(float(np.linalg.norm(p[-1] - p[0], axis=1).max()) for p in curves.positions)
+    assert largest == pytest.approx(0.381, rel=1e-12)
 
 
 @pytest.mark.parametrize(("column", "timing"), list(enumerate(TIMINGS)), ids=list(TIMINGS))
 def test_largest_errors_of_all_methods(column: int, timing: str) -> None:
     """To half a thousandth of D: the printed values were measured on another face whose farthest point the eleven
     poses and the deviations of the harmonics from t^R (at most 0.0017 for R = 3) move by less."""
-    curves = jaw(TIMINGS[timing])
+    curves = hinged_jaw(TIMINGS[timing])
     methods = create_methods(METHODS)
     found = evaluate_curves(curves, T, methods, 1.0)
     for name, expected in EXPECTED.items():
@@ -76,7 +60,7 @@ def test_largest_errors_of_all_methods(column: int, timing: str) -> None:
 
 def test_timing_explains_what_a_warp_gains_and_path_nothing() -> None:
     """The path part of the RMS error is the same for all straight methods, and the best timing removes the rest."""
-    curves = jaw(TIMINGS["accelerating"])
+    curves = hinged_jaw(TIMINGS["accelerating"])
     methods = create_methods(METHODS)
     found = evaluate_curves(curves, T, methods, 1.0)
     rows = summarise(found, curves, methods, 1.0, np.ones(11, dtype=bool), "all")["methods"]
@@ -88,7 +72,7 @@ def test_timing_explains_what_a_warp_gains_and_path_nothing() -> None:
 
 def test_resting_points_tell_the_closures_apart() -> None:
     """Points of no weight: hardly moved by `stiff`, by more than the true bend with the closures that leak."""
-    curves = jaw(TIMINGS["even"])
+    curves = hinged_jaw(TIMINGS["even"])
     numbers = {"mass": 0.01, "damping": 1.0, "rigidity": 1.0}
     drift = {}
     for closure in ("stiff", "linear", "ebar0"):
