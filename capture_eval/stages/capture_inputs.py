@@ -60,16 +60,20 @@ def write_capture_inputs(
     _write_yaml(out / "landmarks.yaml", {"landmarks": landmarks})
     _write_yaml(out / "curves.yaml", {"curves": [_plain(curve) for curve in head.curves]})
     _write_yaml(out / "rigid_region.yaml", [int(vertex) for vertex in template.rigid_region])
-    _write_yaml(out / "manifest.yaml", manifest_of(out.name, template, times))
+    _write_yaml(out / "manifest.yaml", manifest_of(head, template, options, times))
 
 
-def manifest_of(name: str, template: Head, times: Sequence[float]) -> dict[str, Any]:
+def manifest_of(head: Head, template: Head, options: SynthesizeOptions, times: Sequence[float]) -> dict[str, Any]:
     """Manifest of a synthetic capture, ready to be written as YAML."""
     parts = {"mesh": "template.obj", "landmarks": "landmarks.yaml"}
     if template.blockers:
         parts["occluders"] = "occluders.obj"
     return {
-        "name": name,
+        "name": f"{head.name} {options.motion} {options.timing}",
+        "description": (
+            f"{len(times)} poses x {options.views} photos at {options.width}x{options.height}, {options.skin} skin, "
+            f"seed {options.seed}; template {template.name}"
+        ),
         "source": "synthetic",
         "poses": [{"t": float(t), "photos": f"photos/pose_{k:02d}"} for k, t in enumerate(times)],
         "template": parts,
