@@ -1,0 +1,1 @@
+"""Expression editing from captured examples: drag points, get a face (paper 001)."""
