@@ -22,6 +22,7 @@ VERBS = (
     ("run", "run", "run"),
     ("compare", "compare", "compare"),
     ("check", "check", "check"),
+    ("plan", "plan", "plan"),
     ("blend", "blend", "blend"),
     ("doctor", "doctor", "doctor"),
     ("data", "data", "application"),

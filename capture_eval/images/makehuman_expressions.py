@@ -12,7 +12,7 @@ from capture_eval.polygon_mesh import PolygonMesh
 
 FloatArray = NDArray[np.float64]
 
-# Pose units that move the head's skin by less than this (millimetres) are no shapes: eyes and tongue have their own bones.
+# Pose units that move the skin by less than this (millimetres) are no shapes: eyes and tongue have their own bones.
 _SMALLEST_MOVE = 0.3
 
 

@@ -17,7 +17,7 @@ from capture_eval.planning.deformation_transfer import TransferSolver
 
 Floats = NDArray[np.float64]
 
-# Li et al. 2010 hold a triangle by ((1 + |M|) / (kappa + |M|))^theta with kappa = 0.1, theta = 2 and the weight 0.1 to 0.5,
+# Li et al. 2010 hold a triangle by ((1 + |M|) / (kappa + |M|))^theta, kappa = 0.1, theta = 2, and the weight 0.1 to 0.5,
 # because their weights of the expressions are unknown. Here they are known: photos may be believed more.
 _KAPPA, _THETA = 0.01, 2.0
 REGULARISATION = 1e-4
