@@ -24,7 +24,8 @@ Floats = NDArray[np.float64]
 
 _NO_MOTION = 1e-13  # relative eigenvalue of the Gram matrix below which no example moves the point that way
 _ITERATIONS, _ROUNDS = 40, 12
-_SLOPE = 1e-8  # of the energy by unknowns in which its curvature is one: their error
+_SLOPE = 1e-10  # of the energy by unknowns in which its curvature is one: their error
+_FLAT = 1e-15  # relative fall of the energy that rounding could make
 _SHALLOWEST = 0.01  # share of the depth at rest that a control point keeps while its weights are searched
 
 
@@ -211,9 +212,9 @@ def minimise_multipliers(gram: Floats, origin: Floats, start: Floats, targets: T
     slope = np.inf
     for _ in range(_ROUNDS):
         scaled, slope = _search(points_from_scaled, origin, scaled, targets, balance)
-        if slope <= _SLOPE:
+        if slope <= 1e3 * _SLOPE:
             break
-    if not slope <= 1e3 * _SLOPE:
+    if not slope <= 1e4 * _SLOPE:
         raise SolverError(
             f"weights: L-BFGS-B did not converge (slope {slope:.3g}); raise theta2, {balance.proximity:g}"
         )
@@ -223,7 +224,7 @@ def minimise_multipliers(gram: Floats, origin: Floats, start: Floats, targets: T
 def _search(
     points_from_scaled: Floats, origin: Floats, scaled: Floats, targets: Targets, balance: Balance
 ) -> tuple[Floats, float]:
-    """One run of L-BFGS-B from scaled multipliers (B, n): where it ended and the largest slope there."""
+    """One run of L-BFGS-B from scaled multipliers (B, n): where it ended and the slope there by the energy's root."""
     from scipy.optimize import minimize
 
     first = origin.reshape(scaled.shape) + np.einsum("bij,bj->bi", points_from_scaled, scaled)
@@ -242,11 +243,13 @@ def _search(
         return value, 2.0 * (balance.fit * (pull @ to_points) + balance.proximity * (here @ to_scaled))
 
     wall = np.inf
-    wall = 10.0 * energy(np.zeros(scaled.size))[0]
-    options: Any = {"maxiter": _ITERATIONS, "ftol": 0.0, "gtol": 0.01 * _SLOPE}
+    start = energy(np.zeros(scaled.size))[0]
+    wall = 10.0 * start
+    options: Any = {"maxiter": _ITERATIONS, "ftol": _FLAT, "gtol": _SLOPE * max(1.0, float(np.sqrt(start)))}
     search: Any = minimize  # its stubs do not know that energy and gradient may come together with options
     minimum = search(energy, np.zeros(scaled.size), jac=True, method="L-BFGS-B", options=options)
-    return scaled + (to_scaled @ minimum.x).reshape(scaled.shape), float(np.max(np.abs(minimum.jac), initial=0.0))
+    slope = float(np.max(np.abs(minimum.jac), initial=0.0)) / max(1.0, float(np.sqrt(minimum.fun)))
+    return scaled + (to_scaled @ minimum.x).reshape(scaled.shape), slope
 
 
 def _block_diagonal(blocks: Floats) -> Floats:
