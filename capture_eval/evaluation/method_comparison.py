@@ -46,8 +46,8 @@ def compare_methods(table: ErrorTable, noise_floor: float | None) -> dict[str, A
     -------
     dict
         ``methods``: mean and interval; ``pairs``: the first method against the second: difference of the means with
-        interval, p, p after Holm's correction over all pairs that are not equal to rounding, least detectable
-        difference, and ``verdict`` ``better``, ``worse`` or ``not resolved`` with its reason (``equal``, ``few
+        interval, p, p after Holm's correction over all pairs of methods that differ, least detectable difference,
+        and ``verdict`` ``better``, ``worse`` or ``not resolved`` with its reason (``equal``, ``few
         poses``, ``significance``, ``noise``).
     """
     methods = {}
@@ -57,11 +57,9 @@ def compare_methods(table: ErrorTable, noise_floor: float | None) -> dict[str, A
         mean = float(values.mean()) if len(values) else None
         methods[name] = {"poses": len(values), "mean_E_A": mean, "interval": list(interval) if interval else None}
     pairs = [_pair(table, a, b, noise_floor) for a, b in combinations(range(len(table.methods)), 2)]
-    tested = [pair for pair in pairs if pair["p"] is not None and not pair["equal"]]
-    for pair, corrected in zip(tested, holm_correction([pair["p"] for pair in tested]).tolist(), strict=True):
-        pair["p_holm"] = corrected
+    tested = _correct(pairs, table.methods)
     for pair in pairs:
-        pair["verdict"], pair["reason"] = _verdict(pair, noise_floor, len(tested))
+        pair["verdict"], pair["reason"] = _verdict(pair, noise_floor, tested)
     return {
         "definition": "per in-between pose the mean over curves of E_A; pairs on the poses both methods have",
         "confidence": CONFIDENCE,
@@ -73,6 +71,30 @@ def compare_methods(table: ErrorTable, noise_floor: float | None) -> dict[str, A
         "pairs": pairs,
         "caveat": CAVEAT,
     }
+
+
+def _correct(pairs: list[dict[str, Any]], methods: tuple[str, ...]) -> int:
+    """Fill in p after Holm's correction; the number of tests it corrects for.
+
+    A method that equals an earlier one is the same hypothesis again: only the earlier one is counted.
+    """
+    stands_for = {name: name for name in methods}
+    for pair in pairs:
+        if pair["equal"] and stands_for[pair["first"]] == pair["first"]:
+            stands_for[pair["second"]] = pair["first"]
+    counted = [
+        pair
+        for pair in pairs
+        if pair["p"] is not None and not pair["equal"]
+        and all(stands_for[pair[end]] == pair[end] for end in ("first", "second"))
+    ]  # fmt: skip
+    corrected = holm_correction([pair["p"] for pair in counted]).tolist()
+    known = {frozenset((pair["first"], pair["second"])): value for pair, value in zip(counted, corrected, strict=True)}
+    for pair in pairs:
+        if pair["p"] is not None and not pair["equal"]:
+            key = frozenset(stands_for[pair[end]] for end in ("first", "second"))
+            pair["p_holm"] = known.get(key, min(1.0, pair["p"] * max(1, len(counted))))
+    return len(counted)
 
 
 def _pose_means(values: Floats) -> Floats:

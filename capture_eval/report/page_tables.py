@@ -13,6 +13,7 @@ import numpy as np
 
 from ..evaluation.error_table import ErrorTable
 from . import figure_style
+from .explanation_section import explanation_section
 from .page import Bar, PageContent, Picture, Section, Table
 from .saved_results import PoseQuality, SavedResults, TruthComparison
 from .verdict import MethodScore, NoiseFloor, judge, percent
@@ -251,6 +252,9 @@ def _sections(results: SavedResults, pictures: Mapping[str, Picture]) -> list[Se
             tables.append(("Poses", pose_table(results.poses), False))
         if chosen or tables:
             sections.append(Section(anchor, title, text, chosen, tables))
+        explained = explanation_section(results.summary) if anchor == "errors" else None
+        if explained is not None:
+            sections.append(explained)
     return sections
 
 

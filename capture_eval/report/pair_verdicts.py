@@ -9,7 +9,7 @@ from capture_eval.report.tables import Cell, Table
 
 _WHY = {
     "equal": "they give the same errors",
-    "few poses": "so few poses cannot show any difference",
+    "few poses": "so few poses cannot show a difference between so many methods",
     "significance": "the sign of the difference changes between poses too often",
     "noise": "the difference is below the noise floor of the ground truth",
 }

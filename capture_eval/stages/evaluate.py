@@ -24,6 +24,7 @@ from capture_eval.files.mesh_files import read_mesh
 from capture_eval.interpolation.method import InterpolationMethod
 from capture_eval.interpolation.methods import create_methods
 from capture_eval.polygon_mesh import PolygonMesh
+from capture_eval.report.pair_verdicts import pair_table
 from capture_eval.report.tables import errors_csv, lme_lae_table, per_curve_table, to_csv, to_latex, to_markdown
 from capture_eval.triangle_geometry import diameter
 
@@ -369,6 +370,8 @@ def _save_curves(path: Path, poses: _Poses, curves: CurveSet, evaluation: Evalua
 
 def _save_tables(report: Path, summary: Mapping[str, Any], table: ErrorTable) -> None:
     per_curve = per_curve_table(table.curves, table.methods, table.n_points, table.average, table.maximum)
-    for name, content in (("table_lme_lae", lme_lae_table(summary)), ("table_per_curve", per_curve)):
+    pairs = pair_table(summary["statistics"], {name: row["title"] for name, row in summary["methods"].items()})
+    tables = {"table_lme_lae": lme_lae_table(summary), "table_per_curve": per_curve, "table_pairs": pairs}
+    for name, content in tables.items():
         for ending, write in (("csv", to_csv), ("md", to_markdown), ("tex", to_latex)):
             write_text(report / f"{name}.{ending}", write(content))
