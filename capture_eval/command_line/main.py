@@ -24,6 +24,7 @@ VERBS = (
     ("check", "check", "check"),
     ("plan", "plan", "plan"),
     ("blend", "blend", "blend"),
+    ("edit", "edit", "edit"),
     ("doctor", "doctor", "doctor"),
     ("data", "data", "application"),
     ("curves", "curves", "application"),
