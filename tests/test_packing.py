@@ -449,7 +449,7 @@ def test_pairs_do_not_depend_on_the_unit(unit: float) -> None:
     assert plan.pairs == tuple((k, k + 1) for k in range(0, 40, 2))
     assert plan.found is not None
     assert plan.found.self_symmetric == tuple(range(40, 53))
-    assert max(plan.found.misfits) < 1e-12  # mirrored exactly
+    assert max(plan.found.misfits) < 1e-9  # mirrored exactly; differences of squares round
     step = np.array([0.3, 0.0, 0.0])
     moved = BlendshapeRig(rig.names, rig.neutral + step, rig.shapes + step, rig.triangles)
     assert plan_captures(moved).pairs == plan.pairs

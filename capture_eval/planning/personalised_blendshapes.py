@@ -17,7 +17,7 @@ from capture_eval.planning.deformation_transfer import TransferSolver
 
 Floats = NDArray[np.float64]
 
-# Li et al. 2010 hold a triangle by ((1 + |M|) / (kappa + |M|))^theta, kappa = 0.1, theta = 2, and the weight 0.1 to 0.5,
+# Li et al. 2010 hold a triangle by ((1 + |M|) / (kappa + |M|))^theta, kappa = 0.1, theta = 2, weight 0.1 to 0.5,
 # because their weights of the expressions are unknown. Here they are known: photos may be believed more.
 _KAPPA, _THETA = 0.01, 2.0
 REGULARISATION = 1e-4
@@ -87,15 +87,24 @@ def personalise(
     used = np.flatnonzero(weights.any(axis=0))
     for shape in np.setdiff1d(np.arange(rig.shape_count), used):
         result[shape] = solver.transfer(int(shape))
-    if not len(used):
-        return result
-    generic = np.array([solver.generic_gradients(int(shape)) - neutral for shape in used])
-    wanted = np.array([solver.gradients.of(positions) - neutral for positions in captured])
-    personal = fit_gradients(generic, weights[:, used], wanted, regularisation)
-    hints = _hints(solver, used, weights[:, used], captured)
-    for row, shape in enumerate(used):
-        result[shape] = solver.positions(neutral + personal[row], hints[row])
+    for rows in _linked(weights):
+        members = np.flatnonzero(weights[rows].any(axis=0))
+        part = weights[rows][:, members]
+        generic = np.array([solver.generic_gradients(int(shape)) - neutral for shape in members])
+        wanted = np.array([solver.gradients.of(positions) - neutral for positions in captured[rows]])
+        personal = fit_gradients(generic, part, wanted, regularisation)
+        hints = _hints(solver, members, part, captured[rows])
+        for row, shape in enumerate(members):
+            result[shape] = solver.positions(neutral + personal[row], hints[row])
     return result
+
+
+def _linked(weights: Floats) -> list[list[int]]:
+    """Expressions in groups that share no shape: each group is a problem of its own."""
+    from scipy.sparse.csgraph import connected_components
+
+    count, label = connected_components(weights @ weights.T > 0.0, directed=False)
+    return [np.flatnonzero(label == number).tolist() for number in range(count)]
 
 
 def fit_gradients(generic: Floats, weights: Floats, wanted: Floats, regularisation: float) -> Floats:

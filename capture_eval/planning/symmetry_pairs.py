@@ -122,19 +122,22 @@ def find_pairs(rig: BlendshapeRig, active: Booleans, mirror: Integers | None = N
 def _misfits(
     rig: BlendshapeRig, active: Booleans, here: Integers, there: Integers, overlap: NDArray[np.float32], free: list[int]
 ) -> Floats:
-    """Scale-free misfit of all free shapes, (K, K); infinite where nothing overlaps."""
-    count = rig.shape_count
-    result = np.full((count, count), np.inf)
-    largest = np.where(active, rig.lengths, 0.0).max(axis=1, initial=0.0)
-    for first in free:
-        others = [k for k in free if k > first and overlap[first, k] > 0]
-        if not others:
-            continue
-        moved = np.where(active[first, here, None], rig.displacements[first, here], 0.0)
-        for second in others:
-            mirrored = np.where(active[second, there, None], rig.displacements[second, there], 0.0) * [-1.0, 1.0, 1.0]
-            error = float(((moved - mirrored) ** 2).sum()) / float(overlap[first, second])
-            result[first, second] = error / min(largest[first], largest[second]) ** 2
+    """Scale-free misfit of all free shapes, (K, K); infinite where nothing overlaps.
+
+    All squared differences at once: ``|a - b|^2 = |a|^2 + |b|^2 - 2 a b``.
+    """
+    result = np.full((rig.shape_count, rig.shape_count), np.inf)
+    if not free:
+        return result
+    strong = np.where(active[free, :, None], rig.displacements[free], 0.0)
+    largest = np.where(active[free], rig.lengths[free], 0.0).max(axis=1)
+    own = strong[:, here].reshape(len(free), -1)
+    image = (strong[:, there] * [-1.0, 1.0, 1.0]).reshape(len(free), -1)
+    squares = np.einsum("kn,kn->k", own, own)[:, None] + np.einsum("kn,kn->k", image, image)[None]
+    shared = overlap[np.ix_(free, free)].astype(np.float64)
+    error = np.maximum(squares - 2.0 * own @ image.T, 0.0) / np.maximum(shared, 1.0)
+    scale = np.minimum(largest[:, None], largest[None]) ** 2
+    result[np.ix_(free, free)] = np.where(shared > 0.0, error / scale, np.inf)
     return result
 
 

@@ -30,7 +30,7 @@ from capture_eval.report.plan_sheet import (
 Floats = NDArray[np.float64]
 logger = logging.getLogger("capture_eval.plan")
 _CELLS_A_PAGE = 12
-_MOVES, _MARGIN = 0.02, 1.2
+_MOVES, _MARGIN = 0.1, 1.15
 
 
 def draw_plan(
