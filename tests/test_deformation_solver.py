@@ -156,3 +156,12 @@ def test_bad_input_is_named() -> None:
         DeformationSolver(operators, np.zeros(len(vertices)))
     with pytest.raises(InputError, match="weight"):
         SurfaceConstraints.at_vertices(np.array([0, 1]), vertices[:2], np.ones(3))
+
+
+def test_constraints_that_are_not_numbers_are_refused() -> None:
+    corners, weight = np.array([[0, 1, 2]]), np.array([1.0])
+    barycentric = np.full((1, 3), 1 / 3)
+    with pytest.raises(InputError, match="1 numbers of weight are not finite"):
+        SurfaceConstraints(corners, barycentric, np.zeros((1, 3)), None, np.array([np.nan]))
+    with pytest.raises(InputError, match="3 numbers of target are not finite"):
+        SurfaceConstraints(corners, barycentric, np.full((1, 3), np.inf), None, weight)

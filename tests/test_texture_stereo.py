@@ -6,7 +6,7 @@ import textured_sphere
 
 from capture_eval.errors import InputError
 from capture_eval.registration.texture_atlas import rasterise_atlas
-from capture_eval.registration.texture_stereo import OffsetConstraints, StereoOptions, texture_stereo
+from capture_eval.registration.texture_stereo import OffsetConstraints, StereoOptions, match_weight, texture_stereo
 
 OPTIONS = StereoOptions(views=6, minimum_views=3)
 
@@ -85,3 +85,10 @@ def test_few_views_or_bad_options_are_refused_or_empty(photos: tuple) -> None:
         texture_stereo(vertices, triangles, atlas, views, pictures, 0.0)
     with pytest.raises(InputError, match="10 offsets"):
         texture_stereo(vertices, triangles, atlas, views, pictures, 1.0, options=StereoOptions(offsets=10))
+
+
+def test_a_score_that_tops_one_is_a_perfect_match_not_a_missing_number() -> None:
+    weight = match_weight(np.array([1.3, 1.0, 0.9, 0.5]), np.full(4, 2.0))
+    assert np.all(np.isfinite(weight))
+    assert weight[0] == weight[1]
+    assert np.all(np.diff(weight[1:]) < 0)

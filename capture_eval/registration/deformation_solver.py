@@ -63,6 +63,10 @@ class SurfaceConstraints:
         for name, (found, expected) in shapes.items():
             if found != expected:
                 raise InputError(f"constraints: {name} {found}, expected {expected}")
+        for name in ("target", "weight"):
+            missing = np.count_nonzero(~np.isfinite(getattr(self, name)))
+            if missing:
+                raise InputError(f"constraints: {missing} numbers of {name} are not finite")
 
     @staticmethod
     def at_vertices(

@@ -155,10 +155,7 @@ def texture_stereo(
     row, column = np.divmod(flat, atlas.size)
     kept = (row % options.step == 0) & (column % options.step == 0) & np.isfinite(field.offset)
     kept &= (field.score > options.minimum_score) & (atlas.border_distance[row, column] > options.border_margin)
-    # The variance of a best match is (1 - score) / bend; measured against truth, the error grows with it steadily,
-    # and 0.7 is its middle on skin.
-    deviation = np.sqrt((1.02 - field.score[kept]) / np.maximum(field.sharpness[kept], 1e-9))
-    weight = 1.0 / (1.0 + (deviation / 0.7) ** 4)
+    weight = match_weight(field.score[kept], field.sharpness[kept])
     return OffsetConstraints(
         triangle[kept].astype(np.int64),
         barycentric[kept].astype(np.float64),
@@ -167,6 +164,17 @@ def texture_stereo(
         weight,
         field.score[kept],
     )
+
+
+def match_weight(score: Floats, sharpness: Floats) -> Floats:
+    """Weight (M,) in 0..1 of best matches by the variance that their score and bend predict.
+
+    The variance of a best match is (1 - score) / bend; measured against truth, the error grows with it steadily,
+    and 0.7 is its middle on skin. The parabola through the scores may top 1 where they bend sharply.
+    """
+    doubt = np.maximum(1.0 - score, 0.0) + 0.02
+    deviation = np.sqrt(doubt / np.maximum(sharpness, 1e-9))
+    return np.asarray(1.0 / (1.0 + (deviation / 0.7) ** 4), dtype=np.float64)
 
 
 def offset_field(

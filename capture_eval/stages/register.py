@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_eval.errors import InputError, RegistrationError, SolverError
+from capture_eval.errors import CaptureEvalError, InputError, RegistrationError
 from capture_eval.files.atomic import read_json, read_npz, write_json, write_npz
 from capture_eval.registration.deformation_solver import DeformationSolver
 from capture_eval.registration.lifted_matches import (
@@ -197,7 +197,7 @@ def track_poses(
     for index, name in enumerate(pose_names[1:], start=1):
         try:
             row, tracked = tracker.advance(work / name, links.get(name))
-        except (SolverError, RegistrationError) as error:
+        except CaptureEvalError as error:
             row, tracked = {"status": "failed", "reason": str(error)}, None
         rows.append({"pose": name} | row)
         logger.info("track %s: %s %s", name, row["status"], row["reason"])
@@ -237,7 +237,7 @@ def refine_pose(
         parts = load_template(template, occluders)
         try:
             arrays = _refined_arrays(work, parts, pose_name, neutral, start["vertices"][index], options)
-        except (SolverError, RegistrationError) as error:
+        except CaptureEvalError as error:
             return _without_result(work / pose_name, "failed", str(error))
     write_npz(work / pose_name / "registered.npz", arrays)
     row: dict[str, Any] = {
