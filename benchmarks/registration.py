@@ -39,9 +39,8 @@ def measure(capture_folder: Path, out: Path) -> dict[str, Any]:
 
 def print_table(result: dict[str, Any]) -> None:
     """Print one line per pose and region."""
-    print(
-        f"D = {result['D']:.2f}; median / p95 in % of D; confident share of seen {result['confident_share_of_seen']:.0%}"
-    )
+    share = result["confident_share_of_seen"]
+    print(f"D = {result['D']:.2f}; median / p95 in % of D; confident share of seen {share:.0%}")
     print(f"{'pose':10}{'region':11}{'vertices':>9}  " + "".join(f"{title:>15}" for title in TITLES))
     for row in result["tracking"]:
         if row["status"] != "ok":

@@ -13,7 +13,17 @@ PACKAGE = Path(__file__).parents[1] / "capture_eval"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 # the order of the data; a package may import those before it, and the ground
-PURE = ("images", "reconstruction", "registration", "curves", "interpolation", "evaluation", "planning", "editing", "report")
+PURE = (
+    "images",
+    "reconstruction",
+    "registration",
+    "curves",
+    "interpolation",
+    "evaluation",
+    "planning",
+    "editing",
+    "report",
+)
 GROUND = ("errors", "polygon_mesh", "cameras", "similarity", "triangle_geometry", "system_packages")
 ABOVE = ("files", "stages", "workflow", "command_line")
 HEAVY = {"open3d", "pymeshlab", "pycolmap", "numba", "cv2", "snakemake", "plotly", "matplotlib", "pooch", "psutil"}
