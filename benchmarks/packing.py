@@ -1,12 +1,13 @@
 """Expression packing: counts, bounds and times, what the reduction of rows saves, and what a plan is worth.
 
 Synthetic rigs are made here. Give the folder of MakeHuman's upstream files to add a rig of real pose units and the
-value of plans: ``python benchmarks/packing.py [MAKEHUMAN_FOLDER [EXPRESSIONS.npz]]``. Times are CPU seconds of one
-process, each with the work it belongs to; run it with one thread (OMP_NUM_THREADS=1).
+value of plans: ``python benchmarks/packing.py [--makehuman FOLDER [--expressions FILE.npz]]``. Times are CPU seconds of
+one process, each with the work it belongs to; run it with one thread (OMP_NUM_THREADS=1).
 """
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -162,17 +163,31 @@ def value_rows(template: BlendshapeRig, person: BlendshapeRig, title: str) -> No
     )
 
 
+def parse(arguments: Sequence[str]) -> argparse.Namespace:
+    """Read the command line; a path that does not hold what it should ends the run in one line."""
+    parser = argparse.ArgumentParser(description="Time and value of capture plans; prints Markdown tables.")
+    parser.add_argument("--makehuman", type=Path, help="folder with makehuman/data: adds a real rig and three people")
+    parser.add_argument("--expressions", type=Path, help="expressions.npz of that head: more shapes for the rig")
+    options = parser.parse_args(arguments)
+    if options.expressions is not None and not options.expressions.is_file():
+        parser.error(f"--expressions {options.expressions}: no such file")
+    if options.expressions is not None and options.makehuman is None:
+        parser.error("--expressions needs --makehuman")
+    return options
+
+
 def main(arguments: Sequence[str]) -> None:
     """Print the tables."""
+    options = parse(arguments)
     sized = synthetic_rig(77, 347, 20, 13, 1)
     target = sized.neutral * [1.2, 0.9, 1.1] + 0.03 * np.sin(5.0 * sized.neutral[:, [1, 2, 0]])
     prepare_rig(synthetic_rig(9, 11, 2, 1, 0), PlanOptions(), None, (), PackingRules(), None)  # loads the libraries
     heaviest_set(np.ones(3), np.ones((1, 3), dtype=np.bool_))
     rigs: list[tuple[str, BlendshapeRig, np.ndarray]] = [("synthetic, K = 53, N = 26,719", sized, target)]
     assets = None
-    if arguments:
-        assets = parse_assets(read_makehuman_texts(Path(arguments[0]), REQUIRED_FILES))
-        head = makehuman_rig(assets, 0, Path(arguments[1]) if len(arguments) > 1 else None)
+    if options.makehuman is not None:
+        assets = parse_assets(read_makehuman_texts(options.makehuman, REQUIRED_FILES))
+        head = makehuman_rig(assets, 0, options.expressions)
         name = f"MakeHuman, K = {head.shape_count}, N = {len(head.neutral):,}"
         rigs.append((name, head, makehuman_rig(assets, 1).neutral))
     for seed in range(4):
