@@ -22,6 +22,7 @@ from capture_eval.images.head import Head
 from capture_eval.images.makehuman_assets import REQUIRED_FILES, MakeHumanAssets, parse_assets
 from capture_eval.images.makehuman_head import HeadCut, cut_head, identity, makehuman_head
 from capture_eval.images.makehuman_skeleton import MOTIONS
+from capture_eval.images.skin_shading import Lighting, SoftBox
 from capture_eval.similarity import estimate_similarity
 from capture_eval.stages.subjects import load_subjects
 from capture_eval.stages.synthesize import synthesize_capture
@@ -63,6 +64,15 @@ def test_capture_has_photos_of_the_stated_camera(capture: Path) -> None:
             assert read_photo_tags(photo).focal_px == pytest.approx(view.intrinsics.matrix[0, 0], rel=1e-5)
             # head and backdrop are both in the picture
             assert 0.05 < np.mean(np.abs(image.astype(int) - 96).max(axis=2) > 20) < 0.9
+
+
+def test_turned_light_leaves_the_neutral_as_it_is(capture: Path, subjects: tuple[Head, Head], tmp_path: Path) -> None:
+    synthesize_capture(*subjects, tmp_path / "turned", replace(TINY, light_turn=40.0))
+    before, after = photo_bytes(capture / "photos"), photo_bytes(tmp_path / "turned" / "photos")
+    assert [name for name in before if before[name] == after[name]] == [f"pose_00/view_{k:02d}.jpg" for k in range(3)]
+    # by 90 degrees what stood to the head's left stands in front of it, at the same height and distance
+    box = Lighting((SoftBox((600.0, 500.0, 0.0), 400.0, 1.0),)).turned(90.0).boxes[0]
+    assert np.allclose(box.position, (0.0, 500.0, 600.0), atol=1e-9)
 
 
 def test_capture_has_the_truth(capture: Path, subjects: tuple[Head, Head]) -> None:

@@ -43,6 +43,9 @@ def synthesize(
     identity: Annotated[int, typer.Option(min=0, help="The person photographed.")] = 0,
     template_identity: Annotated[int, typer.Option(min=0, help="The person whose mesh is the template.")] = 1,
     distortion: Annotated[float, typer.Option(help="Radial distortion k1 of the lens, as -0.05 or 0.03.")] = 0.0,
+    light_turn: Annotated[
+        float, typer.Option(help="Degrees the lamps are walked round the head from the first pose to the last.")
+    ] = 0.0,
     makehuman: Annotated[
         Path | None, typer.Option(help="Checkout of MakeHuman; without it the fetched data set is taken.")
     ] = None,
@@ -73,6 +76,7 @@ def synthesize(
         seed=seed,
         skin=skin.value,
         distortion=(distortion, 0.0, 0.0, 0.0),
+        light_turn=light_turn,
     )
     options.check()
     head, template = load_subjects(dataset.value, identity, template_identity, makehuman)

@@ -8,7 +8,7 @@ the gloss depends on the view.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,6 +70,15 @@ class Lighting:
     backdrop: int = 96
     shine: float = 0.035
     shininess: float = 22.0
+
+    def turned(self, degrees: float) -> Lighting:
+        """The same light with its boxes walked round the head's vertical axis, from its left towards its front."""
+        cosine, sine = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+        boxes = []
+        for box in self.boxes:
+            x, y, z = box.position
+            boxes.append(replace(box, position=(cosine * x - sine * z, y, sine * x + cosine * z)))
+        return replace(self, boxes=tuple(boxes))
 
 
 @dataclass(frozen=True)

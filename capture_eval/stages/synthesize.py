@@ -25,7 +25,7 @@ from capture_eval.files.mesh_files import write_mesh
 from capture_eval.images.camera_rig import intrinsics_for, place_cameras
 from capture_eval.images.head import Head
 from capture_eval.images.sensor import expose
-from capture_eval.images.skin_shading import HeadModel, build_head_model, light_head, photograph
+from capture_eval.images.skin_shading import HeadModel, Lighting, build_head_model, light_head, photograph
 from capture_eval.images.timing import parse_timing
 from capture_eval.stages.capture_inputs import write_capture_inputs
 from capture_eval.stages.synthesize_options import SynthesizeOptions
@@ -50,6 +50,7 @@ class _PoseTask:
     seed: int
     noise: float
     quality: int
+    lighting: Lighting
 
 
 def synthesize_capture(
@@ -142,6 +143,8 @@ def _fingerprint(
 ) -> str:
     digest = hashlib.sha256()
     described = {"version": PICTURE_VERSION, "head": head.name, "template": template.name, **asdict(options)}
+    if options.light_turn == 0.0:
+        del described["light_turn"]  # photos made before there was such an option are the same
     digest.update(json.dumps(described, sort_keys=True).encode())
     for array in (albedo, truth, head.skin.face_vertices, template.skin.vertices):
         digest.update(np.ascontiguousarray(array).tobytes())
@@ -196,6 +199,7 @@ def _pose_task(
         options.seed,
         options.sensor_noise(),
         options.quality,
+        Lighting().turned(options.light_turn * options.pose_times()[number]),
     )
 
 
@@ -214,7 +218,7 @@ def _work(task: _PoseTask) -> int:
 
 
 def _photograph_pose(model: HeadModel, task: _PoseTask, each: Callable[[], None] | None = None) -> int:
-    lit = light_head(model, task.vertices)
+    lit = light_head(model, task.vertices, task.lighting)
     for number, view in zip(task.view_numbers, task.views, strict=True):
         light = photograph(lit, view)
         image = expose(light, task.noise, (task.seed, 303, task.pose_index, number))
@@ -278,5 +282,6 @@ def _write_truth(
             "seed": options.seed,
             "skin": options.skin,
             "noise_grey_levels": options.sensor_noise(),
+            "light_turn_degrees": options.light_turn,
         },
     )

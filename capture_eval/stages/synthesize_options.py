@@ -39,6 +39,8 @@ class SynthesizeOptions:
         Side of the skin texture; None means 2048, or 3072 for pictures wider than 960 pixels.
     landmark_noise
         Pixels.
+    light_turn
+        Degrees by which the lamps have been walked round the head at t = 1; they go there evenly.
     template_scale, template_turn
         The template stands in another frame: scaled, and turned by so many degrees.
     """
@@ -59,6 +61,7 @@ class SynthesizeOptions:
     landmark_noise: float = 1.0
     template_scale: float = 1.13
     template_turn: float = 17.0
+    light_turn: float = 0.0
 
     def pose_times(self) -> tuple[float, ...]:
         """Time of every pose.
@@ -93,6 +96,8 @@ class SynthesizeOptions:
             raise InputError(f"picture size {self.width}x{self.height}: give 96 to 8192 pixels a side")
         if self.skin not in ("normal", "weak"):
             raise InputError(f"skin {self.skin!r} is unknown; use normal or weak")
+        if not np.isfinite(self.light_turn) or abs(self.light_turn) > 180.0:
+            raise InputError(f"light turn {self.light_turn:g}: give degrees within ±180")
         if not all(np.isfinite(self.distortion)) or abs(self.distortion[0]) > _LARGEST_DISTORTION:
             raise InputError(f"distortion k1 = {self.distortion[0]:g}: give a number within ±{_LARGEST_DISTORTION:g}")
 
