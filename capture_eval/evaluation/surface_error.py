@@ -150,6 +150,31 @@ def join_scene(
     )
 
 
+def face_proper(vertices: Floats, regions: Mapping[str, Integers]) -> Integers:
+    """Vertices of the face proper: of `FACE_PARTS`, those in front of the ears.
+
+    As the narrow face area of the spec's study, this leaves out ears, neck, scalp, and the strip of jaw and temple that
+    lies beside and behind the ears.
+
+    Parameters
+    ----------
+    vertices : (V, 3)
+        Neutral skin in the frame of the head, z to the front.
+    regions : region name -> vertices
+        `ears` and `FACE_PARTS`.
+
+    Raises
+    ------
+    InputError
+        A region is missing.
+    """
+    missing = [name for name in (*FACE_PARTS, "ears") if name not in regions]
+    if missing:
+        raise InputError(f"face region: the head has no region {', '.join(missing)}")
+    inside = np.unique(np.concatenate([regions[name] for name in FACE_PARTS]))
+    return np.asarray(inside[vertices[inside, 2] > vertices[regions["ears"], 2].max()], dtype=np.int64)
+
+
 def sample_surface(vertices: Floats, triangles: Integers, count: int, seed: int = 0) -> tuple[Floats, Floats, Integers]:
     """Places (N, 3) spread evenly by area, normals (N, 3) of their triangles, and the triangles (N,).
 
