@@ -206,12 +206,28 @@ def test_the_inside_of_a_ball_is_no_skin() -> None:
 
 def test_anchors_move_unmeasured_skin_with_its_neighbours() -> None:
     rest, triangles = _ball(16, 24)
-    del triangles
     measured = rest[:, 2] > 0
     moved = rest + np.array([1.0, 2.0, 3.0])
     skin = np.ones(len(rest), dtype=np.bool_)
-    anchors = anchor_constraints(rest, np.where(measured[:, None], moved, rest), skin, measured, 0.1)
-    np.testing.assert_allclose(anchors.target, moved[~measured], atol=1e-9)
+    half = np.where(measured[:, None], moved, rest)
+    anchors = anchor_constraints(build_mesh_operators(rest, triangles), half, skin, measured, 0.1)
+    np.testing.assert_allclose(anchors.target, moved[~measured], atol=1e-9)  # a constant is harmonic: rounding only
+
+
+def test_anchors_do_not_jump_from_one_lip_to_the_other() -> None:
+    lip, triangles = _ball(12, 16)
+    rest = np.concatenate([lip, lip + np.array([0.0, 301.0, 0.0]), lip + np.array([0.0, 0.0, 301.0])])
+    faces = np.concatenate([triangles + part * len(lip) for part in range(3)])
+    upper = np.repeat([False, True, False], len(lip))
+    lower = np.repeat([True, False, False], len(lip))
+    moved = np.where(lower[:, None], rest - [0.0, 40.0, 0.0], rest)
+    measured = lower | (upper & (rest[:, 1] > 400.0))
+    skin = np.ones(len(rest), dtype=np.bool_)
+    anchors = anchor_constraints(build_mesh_operators(rest, faces), moved, skin, measured, 0.1)
+    followers = anchors.corners[:, 0]
+    # What the upper lip does not show stays with the upper lip; the third part touches nothing measured: no row.
+    np.testing.assert_array_equal(followers, np.flatnonzero(upper & ~measured))
+    np.testing.assert_allclose(anchors.target, rest[followers], atol=1e-9)
 
 
 def test_borders_of_a_surface_have_no_support_and_rays_may_miss() -> None:

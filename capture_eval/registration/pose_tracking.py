@@ -8,8 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sparse
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.sparse.linalg import splu
 
 from capture_eval.registration.deformation_solver import DeformationSolver, SurfaceConstraints, cauchy_weights
 from capture_eval.registration.lifted_matches import (
@@ -17,6 +18,7 @@ from capture_eval.registration.lifted_matches import (
     consistent_with_prediction,
     near_present_fit,
 )
+from capture_eval.registration.mesh_operators import MeshOperators
 from capture_eval.registration.nonrigid_icp import closest_point_constraints
 from capture_eval.registration.surface_correspondence import Surface
 
@@ -48,7 +50,7 @@ class TrackingOptions:
     selection_limit : (first, last)
         Matches nearer to the present fit than this are in use, and those whose neighbours deviate alike.
     anchor_weight : float
-        Weight that lets far, unseen skin follow the nearest measured skin.
+        Weight that lets unmeasured skin follow the measured skin that it is connected to.
     """
 
     stiffness: tuple[float, ...] = (20, 10, 5, 3, 2, 1, 1, 3, 3)
@@ -125,7 +127,7 @@ def track_pose(
             )
             constraints.append(planes)
         measured = measured_vertices(constraints, len(rest))
-        constraints.append(anchor_constraints(rest, positions, skin, measured, options.anchor_weight))
+        constraints.append(anchor_constraints(solver.operators, positions, skin, measured, options.anchor_weight))
         positions = solver.solve(positions, alpha, options.edge_stiffness, constraints)
     share = np.count_nonzero(good) / max(len(good), 1)
     return TrackedPose(positions, matches.select(good), float(share))
@@ -150,21 +152,36 @@ def measured_vertices(constraints: list[SurfaceConstraints], count: int) -> NDAr
 
 
 def anchor_constraints(
-    rest: Floats,
+    operators: MeshOperators,
     positions: Floats,
     skin: NDArray[np.bool_],
     measured: NDArray[np.bool_],
     weight: float,
-    neighbours: int = 24,
 ) -> SurfaceConstraints:
-    """Weak pulls that move unmeasured skin as the nearest measured skin moved from the rest shape."""
-    free = np.flatnonzero(skin & ~measured)
-    known = np.flatnonzero(skin & measured)
-    if len(free) == 0 or len(known) < neighbours or weight <= 0:
+    """Weak pulls that let unmeasured skin follow the measured skin that it is connected to.
+
+    The displacement from the rest shape is continued harmonically along the skin. Nearness in space would not do:
+    of a shut mouth the hidden rows of the upper lip lie nearest to the lower one, and would go down with the jaw.
+
+    Parameters
+    ----------
+    operators : MeshOperators
+        Of the rest shape.
+    positions : (V, 3) float64
+    skin, measured : (V,) bool
+    """
+    free, known = np.flatnonzero(skin & ~measured), np.flatnonzero(skin & measured)
+    if len(free) == 0 or len(known) == 0 or weight <= 0:
         return SurfaceConstraints.at_vertices(free[:0], np.zeros((0, 3)), np.zeros(0))
-    found = cKDTree(rest[known]).query(rest[free], neighbours)
-    distance, index = np.asarray(found[0]), np.asarray(found[1])
-    share = 1.0 / (distance + 1e-6 * distance.max() + 1e-12)
-    share /= share.sum(axis=1, keepdims=True)
-    moved = np.einsum("nk,nki->ni", share, (positions - rest)[known[index]])
-    return SurfaceConstraints.at_vertices(free, rest[free] + moved, np.full(len(free), weight))
+    rows = operators.adjacency[free]
+    inner, outer = rows[:, free], rows[:, known]
+    pieces, piece = sparse.csgraph.connected_components(inner, directed=False)
+    touches = np.bincount(piece, np.asarray(outer.sum(axis=1)).ravel(), minlength=pieces) > 0
+    led = touches[piece]
+    free, inner, outer = free[led], inner[led][:, led], outer[led]
+    if len(free) == 0:
+        return SurfaceConstraints.at_vertices(free, np.zeros((0, 3)), np.zeros(0))
+    total = np.asarray(inner.sum(axis=1)).ravel() + np.asarray(outer.sum(axis=1)).ravel()
+    laplacian = sparse.csc_matrix(sparse.diags(total) - inner)
+    moved = splu(laplacian).solve(outer @ (positions - operators.vertices)[known])
+    return SurfaceConstraints.at_vertices(free, operators.vertices[free] + moved, np.full(len(free), weight))

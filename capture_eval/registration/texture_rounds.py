@@ -210,7 +210,7 @@ def _solve_round(
                 match_constraints(matches, positions, triangles, options.match_weight, options.match_scale)
             )
         touched = measured_vertices(constraints, len(rest))
-        constraints.append(anchor_constraints(rest, positions, skin, touched, options.anchor_weight))
+        constraints.append(anchor_constraints(solver.operators, positions, skin, touched, options.anchor_weight))
         positions = solver.solve(positions, options.stiffness, options.edge_stiffness, constraints)
     return positions
 
