@@ -17,8 +17,11 @@ from small_capture import write_capture
 
 from capture_eval.errors import InputError
 from capture_eval.files.manifest_files import read_manifest
+from capture_eval.stages.dense import DenseOptions
+from capture_eval.workflow.inputs import effective_options
 from capture_eval.workflow.plan import JOBS, JOBS_OF_POSES, planned_step_names
 from capture_eval.workflow.runner import RunOptions, engine_command, plan_run
+from capture_eval.workflow.stage_options import OPTION_CLASSES
 
 POSES = 3
 STEPS = 3 * POSES + 3 + POSES + 3  # scan, track, refine, final without truth
@@ -239,3 +242,16 @@ def test_a_truth_step_is_planned_only_with_truth(capture: Path) -> None:
     assert "truth" not in planned_step_names(read_manifest(capture), None)
     _change(capture, truth={"mesh": "template.obj", "vertices": "truth.npz"})
     assert planned_step_names(read_manifest(capture), None)[-2:] == ["truth", "report"]
+
+
+def test_the_report_is_told_every_option_that_a_run_uses(tmp_path: Path) -> None:
+    path = write_capture(tmp_path / "capture", POSES)
+    content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    content.setdefault("options", {})["dense"] = {"stereo": {"window": 3}}
+    path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    options = effective_options(read_manifest(path))
+    assert set(options) == set(OPTION_CLASSES)
+    assert options["dense"]["stereo.window"] == 3  # of the manifest
+    assert options["dense"]["sources"] == DenseOptions().sources  # a default
+    assert not any(name.endswith("threads") for values in options.values() for name in values)
+    json.dumps(options)  # plain values only: the page and the tables are made of them

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,11 +13,13 @@ from capture_eval.files.atomic import write_json
 from capture_eval.files.manifest_files import named_paths
 from capture_eval.stages.check import INPUTS_FILE
 from capture_eval.workflow.file_hashes import FileHashes, sha256_of_value
+from capture_eval.workflow.stage_options import OPTION_CLASSES, stage_options
 
 if TYPE_CHECKING:
     from capture_eval.files.manifest_files import Capture
 
 TOOLS = ("numpy", "scipy", "pycolmap", "pycolmap-cuda12", "open3d", "pymeshlab", "opencv-python-headless")
+LONGEST_LIST = 16  # values of an option that a row of a table can show
 
 
 def hash_memory(out: Path) -> FileHashes:
@@ -71,6 +75,32 @@ def _version(name: str) -> str | None:
         return None
 
 
+def effective_options(capture: Capture) -> dict[str, dict[str, Any]]:
+    """Every option of every stage as a run uses it, nested ones with dots; no paths, threads or long lists."""
+    return {
+        stage: {
+            name: value
+            for name, value in _flat(dataclasses.asdict(stage_options(capture, stage))).items()
+            if name.rpartition(".")[2] != "threads" and _is_short(value)
+        }
+        for stage in OPTION_CLASSES
+    }
+
+
+def _flat(values: Mapping[str, Any], before: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for name, value in values.items():
+        flat |= _flat(value, f"{before}{name}.") if isinstance(value, Mapping) else {f"{before}{name}": value}
+    return flat
+
+
+def _is_short(value: Any) -> bool:
+    """Whether a value belongs into a table: what a manifest names by a file is told by the file's hash."""
+    if isinstance(value, list | tuple):
+        return len(value) <= LONGEST_LIST and all(_is_short(part) for part in value)
+    return value is None or isinstance(value, str | bool | int | float)
+
+
 def report_info(capture: Capture, out: Path) -> dict[str, Any]:
     """What the report says about a capture: names, times, photo folders, options, hashes, terms."""
     manifest = capture.manifest
@@ -86,7 +116,7 @@ def report_info(capture: Capture, out: Path) -> dict[str, Any]:
             }
             for pose in manifest.poses
         ],
-        "options": manifest.options,
+        "options": effective_options(capture),
         "hashes": input_hashes(capture, hash_memory(out)),
         "terms": {} if manifest.terms is None else manifest.terms.model_dump(exclude_none=True),
     }
