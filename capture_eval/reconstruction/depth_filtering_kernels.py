@@ -21,12 +21,17 @@ class OtherMap(NamedTuple):
 
 
 class Sums(NamedTuple):
-    """What the others said so far, per pixel: how many agree, how many see through the point, and weighted sums."""
+    """What the others said so far, per pixel.
+
+    How many agree, how many see through the point; sums of the weights and, weighted, of the difference between the
+    depth they meet and the depth asked about, of its square, and of the normals.
+    """
 
     agree: NDArray[np.int32]
     through: NDArray[np.int32]
     weight: NDArray[np.float64]
-    depth: NDArray[np.float64]
+    difference: NDArray[np.float64]
+    square: NDArray[np.float64]
     normal: NDArray[np.float64]
 
 
@@ -101,6 +106,7 @@ def support_rows(rows, depth, normal, inverse_matrix, other, tolerance, least_co
             share = other.weight[row, column] * cosine
             sums.agree[v, u] += 1
             sums.weight[v, u] += share
-            sums.depth[v, u] += share * met
+            sums.difference[v, u] += share * (met - z)
+            sums.square[v, u] += share * (met - z) ** 2
             for k in range(3):
                 sums.normal[v, u, k] += share * turned[k]

@@ -44,7 +44,7 @@ logger = logging.getLogger("capture_eval.dense")
 
 BACKENDS = ("auto", "cpu", "cuda")
 FUSIONS = ("own", "colmap")
-_CACHED_PHOTOS = 32  # bounds the memory: about 10 bytes a pixel for each
+_CACHED_PHOTOS = 32  # bounds the memory: about 10 bytes a pixel for each pyramid, 20 for each map
 
 
 @dataclass(frozen=True)
@@ -276,6 +276,7 @@ def _undistort_masks(sparse: Path, workspace: Path, masks: Path) -> None:
 def _cpu_maps(workspace: DenseWorkspace, sources: Sequence[NDArray[np.int64]], options: DenseOptions) -> None:
     """Photometric maps of every photo by PatchMatch."""
     photos = _Photos(workspace, options)
+    settings = replace(options.stereo, threads=options.threads)
     for index, view in enumerate(workspace.views):
         _, depths = project(view, workspace.points[workspace.visible[index]])
         shape = (view.intrinsics.height, view.intrinsics.width)
@@ -285,9 +286,7 @@ def _cpu_maps(workspace: DenseWorkspace, sources: Sequence[NDArray[np.int64]], o
             write_map(map_path(workspace.folder, "confidence", view.name, "photometric"), np.zeros((*shape, 2)))
             continue
         span = depth_range(depths, view.name)
-        found = match_view(
-            photos.pyramid(index), [photos.pyramid(int(k)) for k in sources[index]], span, options.stereo
-        )
+        found = match_view(photos.pyramid(index), [photos.pyramid(int(k)) for k in sources[index]], span, settings)
         _write_maps(workspace, view.name, "photometric", found.depth, found.normal)
         confidence = np.stack([found.likeness, found.deviation], axis=2)
         write_map(map_path(workspace.folder, "confidence", view.name, "photometric"), confidence)
@@ -327,11 +326,14 @@ def _filter_maps(
     """Geometric maps: what other photos confirm."""
     load = lru_cache(maxsize=_CACHED_PHOTOS)(lambda index: _read_depth_map(workspace, index, stage, options))
     rows = []
-    results = []
+    # COLMAP's own maps are read until the last photo is done, so theirs are replaced only then.
+    kept_under = "geometric" if stage == "photometric" else "filtered"
     for index, view in enumerate(workspace.views):
         reference = load(index)
         result = make_consistent(reference, [load(int(k)) for k in neighbours[index]], options.filter)
-        results.append((view.name, result))
+        _write_maps(workspace, view.name, kept_under, result.depth, result.normal)
+        confidence = np.stack([result.weight, result.supporters.astype(np.float32), result.deviation], axis=2)
+        write_map(map_path(workspace.folder, "confidence", view.name, "geometric"), confidence)
         found = int(np.count_nonzero(reference.depth))
         kept = int(np.count_nonzero(result.depth))
         rows.append(
@@ -343,8 +345,9 @@ def _filter_maps(
                 "supporters_median": float(np.median(result.supporters[result.depth > 0])) if kept else 0.0,
             }
         )
-    for name, result in results:
-        _write_maps(workspace, name, "geometric", result.depth, result.normal)
-        confidence = np.stack([result.weight, result.supporters.astype(np.float32)], axis=2)
-        write_map(map_path(workspace.folder, "confidence", name, "geometric"), confidence)
+    if kept_under != "geometric":
+        for view in workspace.views:
+            for kind in ("depth", "normal"):
+                source = map_path(workspace.folder, kind, view.name, kept_under)
+                source.replace(map_path(workspace.folder, kind, view.name, "geometric"))
     return rows

@@ -5,12 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
+from capture_eval.cameras import View
 from capture_eval.errors import ReconstructionError
 from capture_eval.files.colmap_workspace import DenseWorkspace, map_path, read_map
 from capture_eval.files.point_cloud_files import read_point_cloud, write_point_cloud
-from capture_eval.reconstruction.depth_filtering import DepthMap, points_of_depth
-from capture_eval.reconstruction.point_fusion import PointCloud, average_in_cells, concatenate
+from capture_eval.reconstruction.depth_filtering import DepthMap, point_deviation, points_of_depth
+from capture_eval.reconstruction.point_fusion import CellFusion, PointCloud
+
+Floats = NDArray[np.float64]
 
 
 def fuse_maps(workspace: DenseWorkspace, fused: Path, fusion: str, point_spacing: float, minimum_pixels: int) -> int:
@@ -57,26 +61,40 @@ def _fuse_with_colmap(workspace: DenseWorkspace, fused: Path, minimum_pixels: in
 
 
 def _fuse_own(workspace: DenseWorkspace, fused: Path, point_spacing: float) -> int:
-    clouds = []
-    spacings = []
+    """Two walks over the maps, one photo in memory at a time: first how large the scene is, then its points."""
+    boxes = []
+    widths = []
     for view in workspace.views:
-        depth = read_map(map_path(workspace.folder, "depth", view.name, "geometric"))
-        normal = read_map(map_path(workspace.folder, "normal", view.name, "geometric"))
-        confidence = read_map(map_path(workspace.folder, "confidence", view.name, "geometric"))
-        used = depth > 0
-        if not used.any():
-            continue
-        frame = DepthMap(depth, normal, confidence[..., 0], view.intrinsics.matrix, view.rotation, view.translation)
-        points, normals = points_of_depth(depth, normal, frame)
-        weight = confidence[..., 0][used].astype(np.float64)
-        clouds.append(PointCloud(points, normals, weight, confidence[..., 1][used].astype(np.float64)))
-        spacings.append(float(np.median(depth[used])) / view.intrinsics.matrix[0, 0])
-    if not clouds:
+        cloud, width = _points_of(workspace, view)
+        if len(width):
+            boxes.append(np.stack([cloud.points.min(axis=0), cloud.points.max(axis=0)]))
+            widths.append(float(np.median(width)))
+    if not boxes:
         return 0
-    cloud = average_in_cells(concatenate(clouds), point_spacing * float(np.median(spacings)))
+    low, high = np.min(boxes, axis=(0, 1)), np.max(boxes, axis=(0, 1))
+    fusion = CellFusion(low, high, point_spacing * float(np.median(widths)))
+    for view in workspace.views:
+        cloud, width = _points_of(workspace, view)
+        fusion.add(cloud, point_spacing * width)
+    cloud = fusion.cloud()
     names = {"nx": 0, "ny": 1, "nz": 2}
     properties = {name: cloud.normals[:, axis] for name, axis in names.items()}
-    properties["deviation"] = 1.0 / np.sqrt(np.maximum(cloud.weight, 1e-300))
+    properties["deviation"] = cloud.table()[:, 7]
     properties["supporters"] = cloud.supporters
     write_point_cloud(fused, cloud.points, properties)
     return len(cloud.points)
+
+
+def _points_of(workspace: DenseWorkspace, view: View) -> tuple[PointCloud, Floats]:
+    """Points of one photo's geometric map, and the width of a pixel at each."""
+    depth = read_map(map_path(workspace.folder, "depth", view.name, "geometric"))
+    normal = read_map(map_path(workspace.folder, "normal", view.name, "geometric"))
+    confidence = read_map(map_path(workspace.folder, "confidence", view.name, "geometric")).astype(np.float64)
+    used = depth > 0
+    frame = DepthMap(
+        depth, normal, confidence[..., 0].astype(np.float32), view.intrinsics.matrix, view.rotation, view.translation
+    )
+    points, normals = points_of_depth(depth, normal, frame)
+    width = depth[used].astype(np.float64) / view.intrinsics.matrix[0, 0]
+    deviation = point_deviation(depth, normal, confidence[..., 2], view.intrinsics.matrix)
+    return PointCloud(points, normals, confidence[..., 0][used], confidence[..., 1][used], deviation), width
