@@ -1,246 +1,153 @@
-"""Accuracy, completeness and cost of the dense and surface stages on synthetic captures, against truth.
+"""Accuracy, completeness, time and memory of dense stereo and surface on rendered heads, against truth and peers.
 
-    python benchmarks/dense_stereo.py CAPTURE [CAPTURE ...] [--pose pose_00] [--poses-from truth|photos|both]
+    python benchmarks/dense_stereo.py --makehuman DIR            measure what is missing, then tables and plots
+    python benchmarks/dense_stereo.py --only 'heads/*' --force   measure these again
+    python benchmarks/dense_stereo.py --report                   tables and plots from the saved results only
 
-For every capture the pose is reconstructed with the true cameras and with cameras solved from the photos (then the
-result is brought to truth by the camera centres and a similarity ICP), and compared with the true mesh over what at
-least three photos see: `head` is all of it, `face` what lies near the curves. All lengths are % of D, the largest
-distance between two vertices of the neutral mesh. The table is printed and written to benchmarks/results/.
+Every case is rendered, reconstructed and measured in processes of its own; its figures go to results/dense_stereo.json
+at once, and a case that is there is not repeated. Cases of MakeHuman heads need a checkout of MakeHuman (or
+`capture-eval data fetch makehuman`); OpenMVS is measured where its programs are on PATH. Threads are only worth
+measuring on a quiet machine: --only 'threads/*'. All cases take about an hour of one core.
 """
 
+from __future__ import annotations
+
 import argparse
+import fnmatch
 import json
-import resource
-import tempfile
+import multiprocessing
+import sys
 import time
-from dataclasses import dataclass
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
+from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from dense_stereo_cases import Case, all_cases
 
-from capture_eval.cameras import View, project
-from capture_eval.curves.edge_loops import edge_topology
-from capture_eval.curves.extract import resolve_curves
-from capture_eval.files.atomic import write_text
-from capture_eval.files.camera_files import read_cameras
-from capture_eval.files.colmap_files import read_sparse_model
-from capture_eval.files.curve_files import read_curves
-from capture_eval.files.mesh_files import read_mesh
-from capture_eval.files.point_cloud_files import read_point_cloud
-from capture_eval.polygon_mesh import PolygonMesh
-from capture_eval.similarity import Similarity, estimate_similarity
-from capture_eval.stages.dense import DenseOptions, reconstruct_dense
-from capture_eval.stages.sparse import SparseOptions, reconstruct_sparse
-from capture_eval.stages.surface import SurfaceOptions, reconstruct_surface
-from capture_eval.triangle_geometry import diameter
+from capture_eval.errors import CaptureEvalError
+from capture_eval.files.atomic import read_json, write_text
 
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-
-SAMPLES = 60000
-FACE_REACH = 0.035  # of D: how far from a curve the face goes
+HERE = Path(__file__).parent
 
 
-@dataclass(frozen=True)
-class Truth:
-    """The true surface of one pose: mesh, D, samples with normals, which are seen and which are of the face."""
-
-    vertices: Floats
-    triangles: NDArray[np.int64]
-    size: float
-    samples: Floats
-    normals: Floats
-    seen: Flags
-    face: Flags
-    centers: dict[str, Floats]
+def in_its_own_process(function: Callable[..., Any], *arguments: Any) -> Any:
+    """Result of a function that a fresh process computes."""
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(1, context) as pool:
+        return pool.submit(function, *arguments).result()
 
 
-def _scene(vertices: Floats, triangles: NDArray[np.int64]):
-    import open3d
+def photograph(case: Case, work: Path, makehuman: Path | None) -> None:
+    """Render the scene of a case."""
+    from dense_stereo_measure import scene_folder
+    from dense_stereo_rendering import photograph_scene
 
-    scene = open3d.t.geometry.RaycastingScene()
-    scene.add_triangles(vertices.astype(np.float32), triangles.astype(np.uint32))
-    return scene
-
-
-def distances(points: Floats, vertices: Floats, triangles: NDArray[np.int64]) -> Floats:
-    """Distance of points (N, 3) to a triangle mesh."""
-    closest = closest_points(points, vertices, triangles)
-    return np.linalg.norm(points - closest, axis=1)
+    photograph_scene(case.scene, scene_folder(case, work), makehuman)
 
 
-def closest_points(points: Floats, vertices: Floats, triangles: NDArray[np.int64]) -> Floats:
-    """Nearest points (N, 3) of a triangle mesh."""
-    found = _scene(vertices, triangles).compute_closest_points(points.astype(np.float32))
-    return found["points"].numpy().astype(np.float64)
+def solve(case: Case, work: Path) -> None:
+    """Solve or triangulate the sparse model of a case."""
+    from dense_stereo_measure import solve_case
+
+    solve_case(case, work)
 
 
-def sample_surface(vertices: Floats, triangles: NDArray[np.int64], count: int, seed: int = 0) -> tuple[Floats, Floats]:
-    """Points spread evenly by area, and the normals of their triangles."""
-    generator = np.random.default_rng(seed)
-    corners = vertices[triangles]
-    area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    size = np.linalg.norm(area, axis=1)
-    chosen = generator.choice(len(triangles), count, p=size / size.sum())
-    first, second = np.sqrt(generator.random(count)), generator.random(count)
-    weights = np.stack([1 - first, first * (1 - second), first * second], axis=1)
-    points = np.einsum("nk,nkd->nd", weights, corners[chosen])
-    return points, area[chosen] / np.maximum(size[chosen], 1e-300)[:, None]
+def reconstruct(case: Case, work: Path) -> dict[str, Any]:
+    """Reconstruct a case and compare it with the truth."""
+    from dense_stereo_measure import run_case
+
+    return run_case(case, work)
 
 
-def count_views(points: Floats, normals: Floats, views: list[View], scene) -> NDArray[np.int64]:
-    """How many photos see each point at less than 78 degrees."""
-    total = np.zeros(len(points), np.int64)
-    for view in views:
-        pixels, depth = project(view, points)
-        ray = points - view.center
-        length = np.linalg.norm(ray, axis=1)
-        facing = -np.sum(ray * normals, axis=1) / length > np.cos(np.radians(78.0))
-        size = (view.intrinsics.width, view.intrinsics.height)
-        inside = (depth > 0) & np.all((pixels > 2) & (pixels < np.array(size) - 2), axis=1)
-        rays = np.concatenate([np.broadcast_to(view.center, points.shape), ray / length[:, None]], axis=1)
-        hit = scene.cast_rays(rays.astype(np.float32))["t_hit"].numpy()
-        total += inside & facing & (hit > length * (1 - 1e-4) - 0.05)
-    return total
+def prepare(case: Case, work: Path, makehuman: Path | None) -> None:
+    """Photos and sparse model of a case, kept where they are there."""
+    in_its_own_process(photograph, case, work, makehuman)
+    in_its_own_process(solve, case, work)
 
 
-def read_truth(capture: Path, pose: str) -> Truth:
-    """True surface of a pose of a synthetic capture."""
-    arrays = np.load(capture / "truth" / "truth.npz")
-    mesh = read_mesh(capture / "truth" / "mesh.obj")
-    index = sorted(path.name for path in (capture / "photos").iterdir()).index(pose)
-    vertices = np.asarray(arrays["vertices"][index], dtype=np.float64)
-    size = diameter(np.asarray(arrays["vertices"][0], dtype=np.float64))
-    triangles = PolygonMesh(vertices, mesh.face_offsets, mesh.face_vertices).triangles()[0]
-    samples, normals = sample_surface(vertices, triangles, SAMPLES)
-    views = read_cameras(capture / "truth" / "cameras.json")[pose]
-    seen = count_views(samples, normals, views, _scene(vertices, triangles)) >= 3
-    near = _curve_vertices(capture, mesh)
-    face = seen & (cKDTree(vertices[near]).query(samples)[0] < FACE_REACH * size)
-    return Truth(vertices, triangles, size, samples, normals, seen, face, {v.name: v.center for v in views})
+def measure(case: Case, work: Path, makehuman: Path | None) -> dict[str, Any]:
+    """Row of one case; one that cannot be measured says why."""
+    from dense_stereo_peers import missing_peer
+
+    reason = missing_peer(case.method)
+    if reason:
+        return {"status": "skipped", "reason": reason, "fingerprint": case.fingerprint}
+    try:
+        prepare(case, work, makehuman)
+        record = in_its_own_process(reconstruct, case, work)
+    except CaptureEvalError as error:
+        return {"status": "failed", "reason": str(error), "fingerprint": case.fingerprint}
+    return dict(record)
 
 
-def _curve_vertices(capture: Path, mesh: PolygonMesh) -> NDArray[np.int64]:
-    curves = resolve_curves(read_curves(capture / "curves.yaml"), edge_topology(mesh))
-    return np.unique(np.concatenate([curve.vertices for curve in curves]))
+def save(path: Path, saved: dict[str, Any]) -> None:
+    """One line a case, so that a difference shows which case changed."""
+    rows = (f"{json.dumps(name)}: {json.dumps(_rounded(row))}" for name, row in sorted(saved.items()))
+    write_text(path, "{\n" + ",\n".join(rows) + "\n}\n")
 
 
-def truth_from_model(folder: Path, truth: Truth, scan: PolygonMesh, known: bool) -> Similarity:
-    """Similarity from the frame of the reconstruction to truth: camera centres, then ICP on what is seen."""
-    if known:
-        return Similarity(1.0, np.eye(3), np.zeros(3))
-    views = read_sparse_model(folder / "sparse").views
-    names = [name for name in views if name in truth.centers]
-    transform = estimate_similarity(
-        np.array([views[name].center for name in names]), np.array([truth.centers[name] for name in names])
-    )
-    triangles = scan.triangles()[0]
-    target = truth.samples[truth.seen][::3]
-    for _ in range(25):
-        moved = transform.apply(scan.vertices)
-        closest = closest_points(target, moved, triangles)
-        gap = np.linalg.norm(closest - target, axis=1)
-        good = gap <= np.quantile(gap, 0.9)
-        transform = estimate_similarity(closest[good], target[good]).compose(transform)
-    return transform
+def _rounded(value: Any) -> Any:
+    """Five significant digits, which is more than any of the figures repeats to."""
+    if isinstance(value, float):
+        return float(f"{value:.5g}")
+    if isinstance(value, dict):
+        return {key: _rounded(item) for key, item in value.items()}
+    return [_rounded(item) for item in value] if isinstance(value, list | tuple) else value
 
 
-def quantiles(values: Floats, shares: tuple[int, ...]) -> str:
-    """Text of percentiles."""
-    return "/".join(f"{np.percentile(values, share):.3f}".lstrip("0") for share in shares) if len(values) else "-"
+def is_done(saved: dict[str, Any], case: Case) -> bool:
+    """True when a case was measured and means what it meant then; a skipped one is tried again."""
+    return saved.get(case.name, {}).get("fingerprint") == case.fingerprint and saved[case.name]["status"] == "ok"
 
 
-def measure(folder: Path, truth: Truth, known: bool) -> dict[str, dict[str, str]]:
-    """Figures of fused.ply and scan.ply for head and face, in % of D."""
-    points, _ = read_point_cloud(folder / "fused.ply")
-    scan = read_mesh(folder / "scan.ply")
-    transform = truth_from_model(folder, truth, scan, known)
-    points, vertices = transform.apply(points), transform.apply(scan.vertices)
-    percent = 100.0 / truth.size
-    tree = cKDTree(truth.samples)
-    cloud_gap = distances(points, truth.vertices, truth.triangles) * percent
-    mesh_gap = distances(vertices, truth.vertices, truth.triangles) * percent
-    cloud_place, mesh_place = tree.query(points)[1], tree.query(vertices)[1]
-    to_cloud = cKDTree(points).query(truth.samples)[0] * percent
-    to_mesh = distances(truth.samples, vertices, scan.triangles()[0]) * percent
-    result = {}
-    for name, region in (("head", truth.seen), ("face", truth.face)):
-        inside = to_mesh[region]
-        result[name] = {
-            "points": f"{np.count_nonzero(region[cloud_place]):d}",
-            "accuracy 50/90/95": quantiles(cloud_gap[region[cloud_place]], (50, 90, 95)),
-            "complete <.1/<.3": "/".join(f"{np.mean(to_cloud[region] < limit):.3f}" for limit in (0.1, 0.3)),
-            "truth->mesh 50/90/95/99": quantiles(inside, (50, 90, 95, 99)),
-            "rms": f"{np.sqrt(np.mean(inside**2)):.3f}",
-            "mesh->truth 50/90/95/99": quantiles(mesh_gap[region[mesh_place]], (50, 90, 95, 99)),
-        }
-    return result
-
-
-def reconstruct(capture: Path, pose: str, folder: Path, known: bool, dense: DenseOptions, surface: SurfaceOptions):
-    """Run the three stages; CPU seconds of dense and surface."""
-    photos = sorted((capture / "photos" / pose).glob("*.jpg"))
-    cameras = capture / "truth" / "cameras.json" if known else None
-    if not (folder / "sparse.json").exists():
-        reconstruct_sparse(photos, folder, SparseOptions(known_cameras=cameras))
-    start = time.process_time()
-    reconstruct_dense(folder, dense)
-    middle = time.process_time()
-    reconstruct_surface(folder, surface)
-    return len(photos), middle - start, time.process_time() - middle
-
-
-def table(rows: list[dict[str, str]]) -> str:
-    """Markdown table of equal rows."""
-    names = list(rows[0])
-    widths = {name: max(len(name), *(len(row[name]) for row in rows)) for name in names}
-    lines = ["| " + " | ".join(name.ljust(widths[name]) for name in names) + " |"]
-    lines += ["|" + "|".join("-" * (widths[name] + 2) for name in names) + "|"]
-    lines += ["| " + " | ".join(row[name].ljust(widths[name]) for name in names) + " |" for row in rows]
-    return "\n".join(lines) + "\n"
-
-
-def main() -> None:
-    """Reconstruct, measure, print."""
+def main() -> int:
+    """Measure what is asked for and missing, then write tables and plots."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("captures", nargs="+", type=Path)
-    parser.add_argument("--pose", default="pose_00")
-    parser.add_argument("--poses-from", choices=("truth", "photos", "both"), default="both")
-    parser.add_argument("--work", type=Path, help="keep the reconstructions here (default: a temporary folder)")
-    parser.add_argument("--fusion", choices=("own", "colmap"), default="own")
+    parser.add_argument("--only", nargs="+", default=["*"], metavar="PATTERN", help="group/name, as 'heads/*'")
+    parser.add_argument("--force", action="store_true", help="measure again what is there")
+    parser.add_argument("--prepare", action="store_true", help="only photos and sparse models, which nothing measures")
+    parser.add_argument("--report", action="store_true", help="no measuring")
+    parser.add_argument("--list", action="store_true", help="list the cases and which are measured")
+    parser.add_argument("--makehuman", type=Path, help="checkout of MakeHuman")
+    parser.add_argument("--work", type=Path, default=Path("build/dense_stereo"), help="photos and reconstructions")
+    parser.add_argument("--results", type=Path, default=HERE / "results", help="folder of the JSON, tables and plots")
     arguments = parser.parse_args()
-    rows: list[dict[str, str]] = []
-    with tempfile.TemporaryDirectory() as temporary:
-        root = arguments.work or Path(temporary)
-        for capture in arguments.captures:
-            truth = read_truth(capture, arguments.pose)
-            for known in (True, False):
-                if arguments.poses_from != "both" and known != (arguments.poses_from == "truth"):
-                    continue
-                folder = root / capture.name / ("true" if known else "solved") / arguments.pose
-                folder.mkdir(parents=True, exist_ok=True)
-                options = DenseOptions(fusion=arguments.fusion)
-                photos, dense, surface = reconstruct(capture, arguments.pose, folder, known, options, SurfaceOptions())
-                figures = measure(folder, truth, known)
-                for region, values in figures.items():
-                    rows.append(
-                        {
-                            "capture": capture.name,
-                            "poses": "true" if known else "solved",
-                            "region": region,
-                            "dense CPU s/photo": f"{dense / photos:.2f}",
-                            "surface CPU s": f"{surface:.1f}",
-                            **values,
-                        }
-                    )
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024**2
-    text = table(rows) + f"\nLengths in % of D. Peak memory {peak:.2f} GB. Fusion: {arguments.fusion}.\n"
-    print(text)
-    write_text(Path(__file__).parent / "results" / "dense_stereo.md", text)
-    print(json.dumps({"written": "benchmarks/results/dense_stereo.md"}))
+    path = arguments.results / "dense_stereo.json"
+    saved: dict[str, Any] = read_json(path) if path.is_file() else {}
+    chosen = [
+        case
+        for case in all_cases()
+        if any(fnmatch.fnmatch(f"{case.group}/{case.name}", pattern) for pattern in arguments.only)
+    ]
+    if not chosen:
+        print(f"no case is called {' or '.join(arguments.only)}; --list shows them", file=sys.stderr)
+        return 1
+    if arguments.list:
+        print("\n".join(f"{'done' if is_done(saved, case) else '-':5} {case.group}/{case.name}" for case in chosen))
+        return 0
+    if arguments.prepare:
+        for case in chosen:
+            started = time.perf_counter()
+            prepare(case, arguments.work, arguments.makehuman)
+            print(f"{case.name}: photos and sparse model ({time.perf_counter() - started:.0f} s)", flush=True)
+        return 0
+    wanted = [case for case in chosen if arguments.force or not is_done(saved, case)]
+    for number, case in enumerate([] if arguments.report else wanted, start=1):
+        started = time.perf_counter()
+        saved[case.name] = record = measure(case, arguments.work, arguments.makehuman)
+        save(path, saved)
+        print(f"{number}/{len(wanted)} {case.name}: {record['status']} {record.get('reason', '')}", end=" ")
+        print(f"({time.perf_counter() - started:.0f} s)", flush=True)
+    from dense_stereo_plots import write_plots
+    from dense_stereo_tables import write_page
+
+    known = [case for case in all_cases() if case.name in saved]
+    plots = write_plots(known, saved, arguments.results)
+    write_text(arguments.results / "dense_stereo.md", write_page(known, saved, plots))
+    print(f"{arguments.results / 'dense_stereo.md'}: {len(known)} cases, {len(plots)} plots")
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())
