@@ -1,82 +1,85 @@
-"""Table of tracking and surface errors of a finished synthetic capture: `registration.py CAPTURE OUT`.
+"""Registration against known truth on rendered captures: `registration.py OUT --makehuman DIR`.
 
-Prints, per pose and region, median / p95 in % of D of the tracking error, its tangential and normal parts, the
-error relative to the vertex's own offset in the neutral, and the surface distance.
+    python benchmarks/registration.py OUT --makehuman DIR                 everything; about two hours of one core
+    python benchmarks/registration.py OUT --makehuman DIR --only NAME ..  some cases or groups (see --list)
+    python benchmarks/registration.py OUT --page-only                     page and plots from what is measured
+    python benchmarks/registration.py --table CAPTURE RESULT              tracking errors of a finished run
+
+Every case leaves OUT/results/CASE.json and is not measured again without --force; photos and scans are kept in any
+case. The page and its plots (benchmarks/results/registration*) are made from these files alone and say what was not
+measured.
 """
 
 from __future__ import annotations
 
 import argparse
+import time
 from pathlib import Path
 from typing import Any
 
-from capture_eval.files.atomic import read_json
-from capture_eval.files.manifest_files import read_manifest
-from capture_eval.stages.truth import TruthFiles, TruthOptions, measure_tracking
+from registration_cases import Case, all_cases
+from registration_measure import measure_case
+from registration_page import write_page
+from registration_runs import Bench, OutOfTime, run_case, say
+from registration_table import print_finished_run
+from registration_time import TIME_GROUP, run_time
 
-COLUMNS = ("", "surface_", "tangential_", "normal_", "relative_")
-TITLES = ("tracking", "surface", "tangential", "normal", "relative")
-
-
-def measure(capture_folder: Path, out: Path) -> dict[str, Any]:
-    """Compare the registration under `out` with the truth of the capture."""
-    capture = read_manifest(capture_folder / "manifest.yaml")
-    manifest = capture.manifest
-    if manifest.truth is None or manifest.truth.mesh is None or manifest.truth.vertices is None:
-        raise SystemExit(f"{capture.path}: the capture has no truth")
-    if manifest.template is None:
-        raise SystemExit(f"{capture.path}: the capture has no template")
-    cameras = manifest.truth.cameras
-    truth = TruthFiles(
-        capture.resolve(manifest.truth.mesh),
-        capture.resolve(manifest.truth.vertices),
-        None if cameras is None else capture.resolve(cameras),
-    )
-    curves = None if manifest.curves is None else capture.resolve(manifest.curves)
-    template = capture.resolve(manifest.template.mesh)
-    return measure_tracking(out / "work", template, truth, out / "report", TruthOptions(), curves)
+RESULTS = Path(__file__).parent / "results"
 
 
-def print_table(result: dict[str, Any]) -> None:
-    """Print one line per pose and region."""
-    share = result["confident_share_of_seen"]
-    print(f"D = {result['D']:.2f}; median / p95 in % of D; confident share of seen {share:.0%}")
-    print(f"{'pose':10}{'region':11}{'vertices':>9}  " + "".join(f"{title:>15}" for title in TITLES))
-    for row in result["tracking"]:
-        if row["status"] != "ok":
-            print(f"{row['pose']:10}{row['status']}")
-            continue
-        for region, figures in row["regions"].items():
-            cells = "".join(
-                f"{100 * figures[f'{name}median']:8.3f}/{100 * figures[f'{name}p95']:6.3f}" for name in COLUMNS
-            )
-            print(f"{row['pose']:10}{region:11}{figures['vertices']:9d}  {cells}")
+def chosen_cases(only: list[str]) -> list[Case]:
+    """Cases by name or group; all without names."""
+    cases = all_cases()
+    known = {case.name for case in cases} | {case.group for case in cases} | {TIME_GROUP}
+    unknown = sorted(set(only) - known)
+    if unknown:
+        raise SystemExit(f"no case or group {', '.join(unknown)}; there are {', '.join(sorted(known))}")
+    return [case for case in cases if not only or case.name in only or case.group in only]
 
 
-def print_fidelity(report: Path) -> None:
-    """Print LME and LAE from photos beside those from the truth, when the evaluation has compared them."""
-    path = report / "truth_comparison.json"
-    if not path.is_file():
-        return
-    comparison = read_json(path)
-    print(
-        f"\n{'method':16}{'LAE photos':>12}{'LAE truth':>12}{'ratio':>8}{'LME photos':>12}{'LME truth':>12}{'ratio':>8}"
-    )
-    for name, row in comparison["methods"].items():
-        cells = ""
-        for key in ("LAE", "LME"):
-            cells += f"{100 * row[f'{key}_photos']:12.4f}{100 * row[f'{key}_truth']:12.4f}{row[f'{key}_ratio']:8.3f}"
-        print(f"{name:16}{cells}")
+def run(bench: Bench, only: list[str], until: str, force: bool) -> None:
+    """All chosen cases, as far as time reaches."""
+    try:
+        for case in chosen_cases(only):
+            run_case(bench, case, until, force, measure_case)
+        if until == "results" and (not only or TIME_GROUP in only):
+            run_time(bench, force)
+    except OutOfTime:
+        say("out of time; the same command goes on")
 
 
-def main() -> None:
+def list_cases() -> None:
+    """Names and groups."""
+    for case in all_cases():
+        print(f"{case.name:28}{case.group:12}{case.shots.name}")
+    print(f"{'':28}{TIME_GROUP}")
+
+
+def main(arguments: list[str] | None = None) -> Any:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("capture", type=Path, help="folder written by `capture-eval synthesize`")
-    parser.add_argument("out", type=Path, help="folder written by `capture-eval run`")
-    arguments = parser.parse_args()
-    print_table(measure(arguments.capture, arguments.out))
-    print_fidelity(arguments.out / "report")
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("out", type=Path, nargs="?", help="folder for captures, scans and results; about 2 GB")
+    parser.add_argument("--makehuman", type=Path, help="checkout of MakeHuman; without it the fetched data set")
+    parser.add_argument("--only", nargs="+", default=[], metavar="NAME", help="cases or groups")
+    parser.add_argument("--until", choices=("photos", "scans", "results"), default="results")
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="begin nothing new after so long")
+    parser.add_argument("--force", action="store_true", help="register and measure again; photos and scans stay")
+    parser.add_argument("--page-only", action="store_true", help="measure nothing")
+    parser.add_argument("--list", action="store_true", help="print cases and groups")
+    parser.add_argument("--table", type=Path, nargs=2, metavar=("CAPTURE", "RESULT"))
+    options = parser.parse_args(arguments)
+    if options.list:
+        return list_cases()
+    if options.table:
+        return print_finished_run(*options.table)
+    if options.out is None:
+        parser.error("OUT is missing")
+    bench = Bench(options.out.resolve(), options.makehuman, time.monotonic() + options.seconds)
+    if not options.page_only:
+        run(bench, options.only, options.until, options.force)
+    if options.page_only or options.until == "results":
+        write_page(bench.out, RESULTS)
+    return None
 
 
 if __name__ == "__main__":
