@@ -55,6 +55,21 @@ def test_points_lie_on_the_ball(pose) -> None:
     assert np.all(numbers["supporters"] >= 2)
 
 
+def test_stated_uncertainty_is_what_is_found(pose) -> None:
+    """The allowance was found on a head; a ball seen by five photos must agree with it roughly.
+
+    Patches are a tenth of the ball wide here, so all maps share a small error that their spread cannot show.
+    """
+    from capture_eval.files.ply_files import read_ply_with_properties
+
+    points, numbers = read_point_cloud(pose / "fused.ply")
+    mesh, properties = read_ply_with_properties(pose / "scan.ply")
+    for places, deviation in ((points, numbers["deviation"]), (mesh.vertices, properties["deviation"])):
+        ratio = np.abs(np.linalg.norm(places, axis=1) - ball.RADIUS) / deviation
+        assert 0.45 < np.mean(ratio < 1) < 0.9  # .683 for normal errors of known size
+        assert np.mean(ratio < 2) > 0.75  # .954
+
+
 def test_what_photos_see_is_covered_and_no_fringe_is_left(pose) -> None:
     view = ball.views()[2]
     truth = ball.true_depth(view)

@@ -81,6 +81,20 @@ def test_support_follows_the_density() -> None:
     assert 3.0 < dense / thin < 5.0
 
 
+def test_uncertainty_reaches_the_vertices() -> None:
+    points = ball(share=0.75)
+    deviation = np.where(points[:, 2] > 0, 0.001, 0.004)
+    surface = surface_from_cloud(
+        points, points, np.ones(len(points)), SurfaceOptions(depth=6, trim=0.05), deviation=deviation
+    )
+    height = surface.vertices[:, 2]
+    np.testing.assert_allclose(surface.deviation[height > 0.1], 0.001, rtol=0.05)  # nearest points all have it
+    np.testing.assert_allclose(surface.deviation[(height < -0.1) & (height > -0.4)], 0.004, rtol=0.05)
+    assert surface.deviation[height < -0.56].min() > 0.008  # nothing but Poisson's guess below z = -0.5
+    plain = surface_from_cloud(points, points, np.ones(len(points)), SurfaceOptions(depth=6))
+    assert np.isnan(plain.deviation).all()
+
+
 def test_lone_points_are_those_far_from_all_others() -> None:
     points = np.concatenate([ball(500), [[3.0, 0.0, 0.0]]])
     kept = without_lone_points(points, 8, 3.0)

@@ -18,6 +18,10 @@ from capture_eval.triangle_geometry import vertex_normals
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+_NEAREST = 8  # points that tell the uncertainty of a vertex
+_USUAL_GAP = 2.0  # spacings: their mean distance where the cloud is dense
+_GUESS = 0.6  # error of the closed surface as a share of the gap (found on a head of known shape)
+
 
 @dataclass(frozen=True)
 class SurfaceOptions:
@@ -53,12 +57,22 @@ class SurfaceOptions:
 
 @dataclass(frozen=True)
 class Surface:
-    """A triangle mesh: vertices (V, 3), triangles (T, 3), unit normals (V, 3) and support (V,)."""
+    """A triangle mesh with what is known about each vertex.
+
+    Parameters
+    ----------
+    vertices, triangles, normals : (V, 3), (T, 3), (V, 3)
+    support : (V,)
+        Worth of the points nearby.
+    deviation : (V,)
+        Standard deviation along the normal, unit of the points; NaN where the points carry none.
+    """
 
     vertices: Floats
     triangles: Integers
     normals: Floats
     support: Floats
+    deviation: Floats
 
 
 def robust_size(points: Floats) -> float:
@@ -148,7 +162,9 @@ def repair(vertices: Floats, triangles: Integers, largest_hole_edges: int) -> tu
     return np.asarray(mesh.vertex_matrix(), dtype=np.float64), np.asarray(mesh.face_matrix(), dtype=np.int64)
 
 
-def surface_from_cloud(points: Floats, normals: Floats, weight: Floats, options: SurfaceOptions) -> Surface:
+def surface_from_cloud(
+    points: Floats, normals: Floats, weight: Floats, options: SurfaceOptions, deviation: Floats | None = None
+) -> Surface:
     """The cleaned surface of a cloud.
 
     Parameters
@@ -156,6 +172,8 @@ def surface_from_cloud(points: Floats, normals: Floats, weight: Floats, options:
     points, normals : (N, 3)
     weight : (N,)
         Worth of a point, summed into the support of the vertices near it (1 for plain counts).
+    deviation : (N,), optional
+        Standard deviation of the points along their normals.
 
     Returns
     -------
@@ -175,6 +193,7 @@ def surface_from_cloud(points: Floats, normals: Floats, weight: Floats, options:
         raise ReconstructionError(f"the cloud has only {len(points)} points, a surface needs at least 100")
     kept = without_lone_points(points, options.lone_neighbours, options.lone_ratio)
     points, normals, weight = points[kept], normals[kept], weight[kept]
+    deviation = np.full(len(points), np.nan) if deviation is None else deviation[kept]
     size = robust_size(points)
     spacing = point_spacing(points)
     extent = float(np.max(points.max(axis=0) - points.min(axis=0)))
@@ -190,7 +209,8 @@ def surface_from_cloud(points: Floats, normals: Floats, weight: Floats, options:
     vertices, triangles = repair(vertices, triangles, int(options.largest_hole * size / max(edge, 1e-300)))
     vertices, triangles = largest_parts(vertices, triangles, options.smallest_part)
     support = vertex_support(tree, weight, vertices, 0.5 * options.trim * size)
-    return Surface(vertices, triangles, vertex_normals(vertices, triangles), support)
+    uncertain = vertex_deviation(tree, deviation, vertices, spacing)
+    return Surface(vertices, triangles, vertex_normals(vertices, triangles), support, uncertain)
 
 
 def vertex_support(tree: cKDTree, weight: Floats, vertices: Floats, radius: float) -> Floats:
@@ -198,3 +218,14 @@ def vertex_support(tree: cKDTree, weight: Floats, vertices: Floats, radius: floa
     distances, neighbours = tree.query(vertices, k=32, distance_upper_bound=radius)
     padded = np.append(weight, 0.0)
     return np.asarray(np.where(np.isfinite(distances), padded[neighbours], 0.0).sum(axis=1))
+
+
+def vertex_deviation(tree: cKDTree, deviation: Floats, vertices: Floats, spacing: float) -> Floats:
+    """Standard deviation (V,) of vertices: root mean square of the nearest points', more where these are far.
+
+    Beyond the reach of the points the surface is Poisson's guess, which may be off by a share of the gap.
+    """
+    distances, neighbours = (np.asarray(found) for found in tree.query(vertices, k=range(1, _NEAREST + 1)))
+    near = np.mean(deviation[neighbours] ** 2, axis=1)
+    gap = np.maximum(distances.mean(axis=1) - _USUAL_GAP * spacing, 0.0)
+    return np.asarray(np.sqrt(near + (_GUESS * gap) ** 2))

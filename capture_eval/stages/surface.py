@@ -22,7 +22,7 @@ __all__ = ["SurfaceOptions", "reconstruct_surface"]
 
 
 def reconstruct_surface(pose_folder: Path, options: SurfaceOptions) -> dict[str, Any]:
-    """Read ``fused.ply``, write ``scan.ply`` (normals and `support` per vertex) and ``surface.json``.
+    """Read ``fused.ply``, write ``scan.ply`` (normals, `support` and `deviation` per vertex) and ``surface.json``.
 
     Returns
     -------
@@ -45,11 +45,12 @@ def reconstruct_surface(pose_folder: Path, options: SurfaceOptions) -> dict[str,
     normals = np.stack([numbers[name] for name in ("nx", "ny", "nz")], axis=1)
     weight = numbers.get("supporters", np.ones(len(points)))
     try:
-        surface = surface_from_cloud(points, normals, weight, options)
+        surface = surface_from_cloud(points, normals, weight, options, numbers.get("deviation"))
     except ReconstructionError as error:
         return _save(pose_folder, {"status": "failed", "reason": str(error), "vertices": 0})
     properties = {name: surface.normals[:, axis] for axis, name in enumerate(("nx", "ny", "nz"))}
     properties["support"] = surface.support
+    properties["deviation"] = surface.deviation
     write_ply(pose_folder / "scan.ply", PolygonMesh.from_faces(surface.vertices, surface.triangles), properties)
     result = {
         "status": "ok",
@@ -58,6 +59,9 @@ def reconstruct_surface(pose_folder: Path, options: SurfaceOptions) -> dict[str,
         "bounding_box": [surface.vertices.min(axis=0).tolist(), surface.vertices.max(axis=0).tolist()],
         "support_quantiles": {
             str(share): float(np.quantile(surface.support, share / 100)) for share in (1, 5, 25, 50, 75, 95)
+        },
+        "deviation_quantiles": {
+            str(share): float(np.quantile(surface.deviation, share / 100)) for share in (50, 90, 99)
         },
         "seconds": time.process_time() - start,
     }
