@@ -33,7 +33,7 @@ from capture_eval.evaluation.surface_error import (
 )
 from capture_eval.files.atomic import read_json, write_json
 from capture_eval.files.colmap_files import read_sparse_model
-from capture_eval.files.mesh_files import read_mesh
+from capture_eval.files.ply_files import read_ply_with_properties
 from capture_eval.files.point_cloud_files import read_point_cloud
 from capture_eval.polygon_mesh import PolygonMesh
 from capture_eval.reconstruction.patch_match import PatchMatchOptions
@@ -164,22 +164,27 @@ def _errors(case: Case, folder: Path, scene: Path) -> dict[str, Any]:
     truth = read_truth(scene)
     places = true_places(truth)
     points, numbers = read_point_cloud(folder / "fused.ply")
-    scan = read_mesh(folder / "scan.ply")
+    scan, of_vertices = read_ply_with_properties(folder / "scan.ply")
     triangles = scan.triangles()[0]
     move = Similarity(1.0, np.eye(3), np.zeros(3))
     if not case.known:
         move = align_to_truth(folder / "sparse", truth, places, scan)
     points = move.apply(points)
     cloud = cloud_error(points, truth, places)
-    mesh = mesh_error(move.apply(scan.vertices), triangles, truth, places)
+    vertices = move.apply(scan.vertices)
+    mesh = mesh_error(vertices, triangles, truth, places)
     result: dict[str, Any] = {
         "points": len(points),
         "vertices": len(scan.vertices),
         "far_share": float(np.mean(cloud["everything"].to_truth > FAR)),
         "regions": {name: _figures(cloud[name], mesh[name], len(points)) for name in ("face", "head")},
     }
-    if "deviation" in numbers:
-        result["calibration"] = calibration(points, numbers["deviation"] * move.scale, truth)
+    stated = {"points": (points, numbers.get("deviation")), "mesh": (vertices, of_vertices.get("deviation"))}
+    result["calibration"] = {
+        name: calibration(places_of, deviation * move.scale, truth)
+        for name, (places_of, deviation) in stated.items()
+        if deviation is not None and np.all(np.isfinite(deviation))
+    }
     if case.maps and case.known:
         result["maps"] = compare_maps(folder / "dense", truth)
     return result

@@ -8,21 +8,20 @@ from __future__ import annotations
 import resource
 import shutil
 import subprocess
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 from numpy.typing import NDArray
 
 from capture_eval.cameras import View
-from capture_eval.files.colmap_workspace import DenseWorkspace, map_path, read_colours, read_workspace, write_map
+from capture_eval.files.colmap_workspace import map_path, read_colours, read_workspace, write_map
 from capture_eval.files.point_cloud_files import read_point_cloud, write_point_cloud
-from capture_eval.reconstruction.depth_filtering import DepthMap, FilterOptions, make_consistent, points_of_depth
 from capture_eval.reconstruction.foreground_mask import textured_region
-from capture_eval.reconstruction.point_fusion import PointCloud, average_in_cells, concatenate
 from capture_eval.reconstruction.view_selection import choose_sources, pair_scores
+from capture_eval.stages.dense import DenseOptions, dense_workspace
 
 Floats = NDArray[np.float64]
 
@@ -132,63 +131,34 @@ def normals_of_depth(depth: Floats, view: View) -> Floats:
     return np.where(depth[..., None] > 0, normal * facing, 0.0)
 
 
-def sgbm_maps(workspace: DenseWorkspace) -> list[DepthMap]:
-    """Depth maps of every photo by semi-global matching with its best neighbours, backdrop masked as ours is."""
+def write_sgbm_maps(folder: str, **_: Any) -> None:
+    """Depth and normal maps of a workspace by semi-global matching, where COLMAP's stereo leaves its own.
+
+    The backdrop is masked as for our stereo. Takes the place of `pycolmap.patch_match_stereo`.
+    """
+    workspace = read_workspace(Path(folder))
     views = workspace.views
     scores = pair_scores(np.array([view.center for view in views]), workspace.points, workspace.visible)
     colours = [read_colours(workspace.image_path(index), view) for index, view in enumerate(views)]
     greys = [np.rint(picture.mean(axis=2)).astype(np.uint8) for picture in colours]
-    result = []
     for index, partners in enumerate(choose_sources(scores, PAIRS)):
         view = views[index]
         points = workspace.points[workspace.visible[index]]
         found = [pair_depth(view, views[k], (greys[index], greys[k]), points) for k in partners]
         depth = agreed_depth(np.stack(found)) * textured_region(colours[index], 4)
-        normal = normals_of_depth(depth, view)
-        weight = (depth > 0).astype(np.float32)
-        result.append(
-            DepthMap(
-                depth.astype(np.float32),
-                normal.astype(np.float32),
-                weight,
-                view.intrinsics.matrix,
-                view.rotation,
-                view.translation,
-            )
-        )
-    return result
-
-
-def fuse(workspace: DenseWorkspace, maps: Sequence[DepthMap], fused: Path, neighbours: int = 10) -> int:
-    """Confirm maps by each other and average them in cells of one pixel, as the dense stage does with its own."""
-    views = workspace.views
-    scores = pair_scores(np.array([view.center for view in views]), workspace.points, workspace.visible)
-    clouds, spacings = [], []
-    for index, others in enumerate(choose_sources(scores, neighbours)):
-        kept = make_consistent(maps[index], [maps[k] for k in others], FilterOptions())
-        write_map(map_path(workspace.folder, "depth", views[index].name, "geometric"), kept.depth)
-        write_map(map_path(workspace.folder, "depth", views[index].name, "photometric"), maps[index].depth)
-        used = kept.depth > 0
-        if used.any():
-            points, normals = points_of_depth(kept.depth, kept.normal, maps[index])
-            weight, supporters = kept.weight[used].astype(np.float64), kept.supporters[used].astype(np.float64)
-            clouds.append(PointCloud(points, normals, weight, supporters))
-            spacings.append(float(np.median(kept.depth[used])) / views[index].intrinsics.matrix[0, 0])
-    cloud = average_in_cells(concatenate(clouds), float(np.median(spacings)))
-    properties = {name: cloud.normals[:, axis] for axis, name in enumerate(("nx", "ny", "nz"))}
-    write_point_cloud(fused, cloud.points, {**properties, "supporters": cloud.supporters})
-    return len(cloud.points)
+        for stage in ("photometric", "geometric"):
+            write_map(map_path(workspace.folder, "depth", view.name, stage), depth)
+            write_map(map_path(workspace.folder, "normal", view.name, stage), normals_of_depth(depth, view))
 
 
 def run_sgbm(workspace: Path, fused: Path) -> dict[str, Any]:
-    """Semi-global matching of a dense workspace; what the dense stage would report."""
-    start = time.process_time()
-    content = read_workspace(workspace)
-    maps = sgbm_maps(content)
-    matched = time.process_time()
-    points = fuse(content, maps, fused)
-    seconds = {"stereo": matched - start, "fusion": time.process_time() - matched}
-    return {"status": "ok", "backend": "sgbm", "points": points, "seconds": seconds}
+    """Semi-global matching in place of COLMAP's CUDA stereo; everything after it is the dense stage's own."""
+    import pycolmap
+
+    stand_in = mock.patch.multiple(pycolmap, has_cuda=True, patch_match_stereo=write_sgbm_maps)
+    with stand_in:
+        result = dense_workspace(workspace, fused, DenseOptions(backend="cuda"))
+    return {**result, "backend": "sgbm"}
 
 
 def run_openmvs(workspace: Path, fused: Path, threads: int = 1) -> dict[str, Any]:

@@ -232,14 +232,16 @@ def calibration(saved: Results) -> Drawn:
         "weak skin, 640 × 480": (f"{WEAK.name}_true", OTHER),
         "normal skin, 1280 × 960": (CENTRE_NAME.replace("640x480", "1280x960"), FOURTH),
     }
-    shown = {label: pair for label, pair in names.items() if saved.get(pair[0], {}).get("calibration")}
+    shown = {
+        label: pair for label, pair in names.items() if saved.get(pair[0], {}).get("calibration", {}).get("points")
+    }
     if not shown:
         return None
     figure = new_figure(0.5 * DOUBLE_COLUMN, HEIGHT * 1.15)
     axes = figure.add_subplot()
     everything = []
     for label, (name, style) in shown.items():
-        pairs = np.array(saved[name]["calibration"]["stated_and_real"])
+        pairs = np.array(saved[name]["calibration"]["points"]["stated_and_real"])
         everything.append(pairs)
         axes.plot(pairs[:, 0], pairs[:, 1], label=label, **line_options(style))
     joined = np.concatenate(everything)
