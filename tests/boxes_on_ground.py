@@ -128,7 +128,7 @@ def true_depth(view: View) -> Floats:
     return depth.reshape(view.intrinsics.height, view.intrinsics.width)
 
 
-def _sparse_points(cameras: list[View]) -> tuple[Floats, list[Integers]]:
+def sparse_points(cameras: list[View]) -> tuple[Floats, list[Integers]]:
     """Points that photos see, 120 found in each, and which of them each photo sees."""
     vertices, triangles, _ = scene()
     caster = TriangleScene(vertices, triangles)
@@ -169,10 +169,15 @@ def write_workspace(folder: Path) -> list[View]:
     cameras = views()
     lit = light_head(model, vertices, Lighting(fill_top=1.0, fill_bottom=0.6))
     (folder / "images").mkdir(parents=True)
-    (folder / "sparse").mkdir()
     for number, view in enumerate(cameras):
         Image.fromarray(expose(photograph(lit, view), 1.5, (number,))).save(folder / "images" / view.name)
-    points, visible = _sparse_points(cameras)
+    write_sparse_model(folder / "sparse", cameras, *sparse_points(cameras))
+    return cameras
+
+
+def write_sparse_model(folder: Path, cameras: list[View], points: Floats, visible: list[Integers]) -> None:
+    """COLMAP model of the cameras and of the points that each of them sees."""
+    folder.mkdir(parents=True, exist_ok=True)
     reconstruction = pycolmap.Reconstruction()
     tracks: dict[int, list[tuple[int, int]]] = {}
     for number, (view, seen) in enumerate(zip(cameras, visible, strict=True), start=1):
@@ -188,5 +193,4 @@ def write_workspace(folder: Path) -> list[View]:
     for point, elements in sorted(tracks.items()):
         track = pycolmap.Track([pycolmap.TrackElement(number, place) for number, place in elements])
         reconstruction.add_point3D(points[point], track, np.array([128, 128, 128], np.uint8))
-    reconstruction.write_binary(str(folder / "sparse"))
-    return cameras
+    reconstruction.write_binary(str(folder))

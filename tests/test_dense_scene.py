@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from capture_eval.cameras import View, pixel_rays
+from capture_eval.errors import ReconstructionError
 from capture_eval.evaluation.surface_error import TrueScene, closest_distance, count_photos
 from capture_eval.files.colmap_workspace import map_path, read_map
 from capture_eval.files.point_cloud_files import read_point_cloud
@@ -119,3 +120,15 @@ def test_upright_and_small_photos_are_as_good_as_others(reconstructed) -> None:
         assert item.found.shape == (item.view.intrinsics.height, item.view.intrinsics.width)
         assert np.mean(item.found[item.fair] > 0) > 0.75, item.view.name
         assert np.nanmedian(item.error()[item.fair]) < 0.06, item.view.name
+
+
+def test_photos_that_share_nothing_are_refused_in_a_line(reconstructed, tmp_path) -> None:
+    """The same photos, but every sparse point is seen in one of them only."""
+    cameras = [item.view for item in reconstructed[1]]
+    points, visible = yard.sparse_points(cameras)
+    alone = [seen[seen % len(cameras) == number] for number, seen in enumerate(visible)]
+    yard.write_sparse_model(tmp_path / "sparse", cameras, points, alone)
+    (tmp_path / "images").symlink_to(reconstructed[0] / "images")
+    with pytest.raises(ReconstructionError, match="no two photos share sparse points") as caught:
+        dense_workspace(tmp_path, None, DenseOptions(backend="cpu"))
+    assert "\n" not in str(caught.value)
