@@ -50,7 +50,7 @@ class Case:
     photos
         How many of the scene's photos, spread evenly; 0 means all.
     method
-        own, sgbm or openmvs.
+        own, sgbm, openmvs, or colmap_fusion of the maps that the scene's own case has left.
     dense
         Options of the dense stage that differ from the defaults.
     stereo
@@ -73,6 +73,11 @@ class Case:
     def photo_count(self) -> int:
         """Photos given to the program."""
         return self.photos or self.scene.views
+
+    @property
+    def twin(self) -> str:
+        """Name of the case that does the same scene with our own program and true cameras."""
+        return self.name.removeprefix(f"{self.method}_") + "_true"
 
     @property
     def fingerprint(self) -> str:
@@ -119,9 +124,7 @@ def all_cases() -> list[Case]:
     cases = _heads()
     cases += [Case(f"sgbm_{scene.name}", "peers", scene, method="sgbm", maps=True) for scene in (CENTRE, WEAK)]
     cases += [Case(f"openmvs_{CENTRE.name}", "peers", CENTRE, method="openmvs")]
-    cases += [
-        Case(f"colmap_fusion_{scene.name}", "fusion", scene, dense={"fusion": "colmap"}) for scene in (CENTRE, WEAK)
-    ]
+    cases += [Case(f"colmap_fusion_{scene.name}", "fusion", scene, method="colmap_fusion") for scene in (CENTRE, WEAK)]
     cases += _large()
     cases += [Case(f"photos_{count}", "photos", CENTRE, photos=count) for count in PHOTOS]
     cases += [

@@ -20,7 +20,7 @@ from dense_stereo_peers import run_openmvs, run_sgbm
 from dense_stereo_rendering import POSE, photo_folder, read_truth
 from numpy.typing import NDArray
 
-from capture_eval.errors import ReconstructionError
+from capture_eval.errors import InputError, ReconstructionError
 from capture_eval.evaluation.surface_error import (
     RegionError,
     TruePlaces,
@@ -33,12 +33,14 @@ from capture_eval.evaluation.surface_error import (
 )
 from capture_eval.files.atomic import read_json, write_json
 from capture_eval.files.colmap_files import read_sparse_model
+from capture_eval.files.colmap_workspace import read_workspace
 from capture_eval.files.ply_files import read_ply_with_properties
 from capture_eval.files.point_cloud_files import read_point_cloud
 from capture_eval.polygon_mesh import PolygonMesh
 from capture_eval.reconstruction.patch_match import PatchMatchOptions
 from capture_eval.similarity import Similarity, estimate_similarity
 from capture_eval.stages.dense import DenseOptions, reconstruct_dense
+from capture_eval.stages.fusion import fuse_maps
 from capture_eval.stages.sparse import SparseOptions, reconstruct_sparse
 from capture_eval.stages.surface import SurfaceOptions, reconstruct_surface
 
@@ -122,7 +124,8 @@ def run_case(case: Case, work: Path) -> dict[str, Any]:
     if surface["status"] != "ok":
         return record | {"status": surface["status"], "reason": surface.get("reason", "")}
     record |= _errors(case, folder, scene_folder(case, work))
-    shutil.rmtree(folder / "dense", ignore_errors=True)
+    if not (case.maps and case.group == "heads"):
+        shutil.rmtree(folder / "dense", ignore_errors=True)
     return record
 
 
@@ -145,9 +148,22 @@ def _dense(case: Case, folder: Path) -> dict[str, Any]:
     )
     if case.method == "own":
         return reconstruct_dense(folder, options)
+    if case.method == "colmap_fusion":
+        return _fuse_again(folder, folder.parent / case.twin / "dense")
     _undistort(folder)
     run = run_sgbm if case.method == "sgbm" else run_openmvs
     result = run(folder / "dense", folder / "fused.ply")
+    write_json(folder / "dense.json", result)
+    return result
+
+
+def _fuse_again(folder: Path, maps: Path) -> dict[str, Any]:
+    """COLMAP's fusion of the maps that another case has left."""
+    if not (maps / "stereo" / "fusion.cfg").is_file():
+        raise InputError(f"{maps}: no depth maps here; measure {maps.parent.name} first")
+    start = time.process_time()
+    points = fuse_maps(read_workspace(maps), folder / "fused.ply", "colmap", 1.0, 3)
+    result = {"status": "ok", "points": points, "seconds": {"fusion": time.process_time() - start}}
     write_json(folder / "dense.json", result)
     return result
 

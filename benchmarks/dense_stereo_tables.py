@@ -105,12 +105,39 @@ def scene_label(case: Case) -> str:
     return f"{scene.dataset} {scene.identity}, {pose}, {scene.skin} skin{star}"
 
 
+def _mean_row(cases: list[Case], saved: Results, region: str) -> list[dict[str, str]]:
+    """Mean over the heads that parameters were not chosen on; none where there are fewer than two."""
+    pairs = [
+        (case, figures_of)
+        for case in cases
+        if (figures_of := saved[case.name])["status"] == "ok" and not case.name.startswith("tuned_")
+    ]
+    if len(pairs) < 2:
+        return []
+    case, first = pairs[0]
+    records = [record for _, record in pairs]
+    mean = {**first, "regions": {region: _mean([record["regions"][region] for record in records])}}
+    for key in ("dense_cpu_s", "surface_cpu_s", "dense_peak_mb", "surface_peak_mb"):
+        mean[key] = float(np.mean([record[key] for record in records]))
+    row = figures(case, mean, region, f"mean of {len(pairs)} heads without star, {case.scene.skin} skin")
+    return [row]
+
+
+def _mean(values: list[Results]) -> Results:
+    return {key: np.mean([value[key] for value in values], axis=0).tolist() for key in values[0]}
+
+
 def heads_section(cases: list[Case], saved: Results, group: str, size: str) -> str:
     """Main table of one image size, the aim in its first row."""
     chosen = [case for case in cases if case.group == group]
     if not chosen:
         return ""
     rows = [dict.fromkeys(COLUMNS, "-") | {"scene": "aim (heads like the study's)", "region": "face"} | AIMS[size]]
+    for region in REGIONS:
+        for known, skin in ((True, "normal"), (False, "normal"), (True, "weak"), (False, "weak")):
+            rows += _mean_row(
+                [case for case in chosen if (case.known, case.scene.skin) == (known, skin)], saved, region
+            )
     for region in REGIONS:
         rows += [figures(case, saved[case.name], region, scene_label(case)) for case in chosen]
     return f"\n## Heads at {size.replace('x', ' × ')}\n\n" + markdown(rows)
@@ -123,9 +150,9 @@ def peers_section(cases: list[Case], saved: Results) -> str:
     for case in cases:
         if case.group != "peers":
             continue
-        own = saved.get(f"{case.scene.name}_true", {"status": "missing"})
+        own = saved.get(case.twin, {"status": "missing"})
         record = saved[case.name]
-        twin = next((other for other in cases if other.name == f"{case.scene.name}_true"), None)
+        twin = next((other for other in cases if other.name == case.twin), None)
         both = own["status"] == record["status"] == "ok"
         if both and twin is not None:
             rows.append(figures(twin, own, "face", f"ours, {case.scene.skin} skin") | {"CPU": "1", "p95": "1"})
@@ -156,7 +183,7 @@ def crust_section(cases: list[Case], saved: Results) -> str:
     for case in cases:
         if case.group != "fusion" or saved[case.name]["status"] != "ok":
             continue
-        own = saved.get(f"{case.scene.name}_true", {"status": "missing"})
+        own = saved.get(case.twin, {"status": "missing"})
         for label, record in (("own fusion", own), ("pycolmap.stereo_fusion", saved[case.name])):
             if record["status"] == "ok":
                 rows.append(

@@ -12,9 +12,12 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from capture_eval.cameras import View, pixel_rays
 from capture_eval.errors import ReconstructionError
 from capture_eval.evaluation.surface_error import TrueScene, closest_distance, count_photos
+from capture_eval.files.atomic import write_json
 from capture_eval.files.colmap_workspace import map_path, read_map
-from capture_eval.files.point_cloud_files import read_point_cloud
+from capture_eval.files.ply_files import read_ply_with_properties
+from capture_eval.files.point_cloud_files import read_point_cloud, write_point_cloud
 from capture_eval.stages.dense import DenseOptions, dense_workspace
+from capture_eval.stages.surface import SurfaceOptions, reconstruct_surface
 from capture_eval.triangle_geometry import triangle_normals
 
 Floats = NDArray[np.float64]
@@ -132,3 +135,19 @@ def test_photos_that_share_nothing_are_refused_in_a_line(reconstructed, tmp_path
     with pytest.raises(ReconstructionError, match="no two photos share sparse points") as caught:
         dense_workspace(tmp_path, None, DenseOptions(backend="cpu"))
     assert "\n" not in str(caught.value)
+
+
+def test_a_cloud_of_another_program_becomes_a_surface(tmp_path) -> None:
+    """Points and normals are all that COLMAP's fusion or OpenMVS give: nothing is claimed about uncertainty."""
+    generator = np.random.default_rng(0)
+    normals = generator.normal(size=(4000, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    properties = {name: normals[:, axis] for axis, name in enumerate(("nx", "ny", "nz"))}
+    write_point_cloud(tmp_path / "fused.ply", 50.0 * normals, properties)
+    write_json(tmp_path / "dense.json", {"status": "ok"})
+    result = reconstruct_surface(tmp_path, SurfaceOptions(depth=5))
+    assert result["status"] == "ok"
+    assert result["deviation_quantiles"] == {}
+    mesh, numbers = read_ply_with_properties(tmp_path / "scan.ply")
+    assert "deviation" not in numbers
+    assert np.abs(np.linalg.norm(mesh.vertices, axis=1) - 50.0).max() < 1.0  # a fifth of the octree's cells of 5

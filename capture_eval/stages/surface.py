@@ -50,7 +50,9 @@ def reconstruct_surface(pose_folder: Path, options: SurfaceOptions) -> dict[str,
         return _save(pose_folder, {"status": "failed", "reason": str(error), "vertices": 0})
     properties = {name: surface.normals[:, axis] for axis, name in enumerate(("nx", "ny", "nz"))}
     properties["support"] = surface.support
-    properties["deviation"] = surface.deviation
+    known = bool(np.all(np.isfinite(surface.deviation)))  # COLMAP's own fusion says nothing about it
+    if known:
+        properties["deviation"] = surface.deviation
     write_ply(pose_folder / "scan.ply", PolygonMesh.from_faces(surface.vertices, surface.triangles), properties)
     result = {
         "status": "ok",
@@ -61,7 +63,7 @@ def reconstruct_surface(pose_folder: Path, options: SurfaceOptions) -> dict[str,
             str(share): float(np.quantile(surface.support, share / 100)) for share in (1, 5, 25, 50, 75, 95)
         },
         "deviation_quantiles": {
-            str(share): float(np.quantile(surface.deviation, share / 100)) for share in (50, 90, 99)
+            str(share): float(np.quantile(surface.deviation, share / 100)) for share in (50, 90, 99) if known
         },
         "seconds": time.process_time() - start,
     }
