@@ -81,6 +81,11 @@ def measure(case: Case, work: Path, makehuman: Path | None) -> dict[str, Any]:
     return dict(record)
 
 
+def load(path: Path) -> dict[str, Any]:
+    """Rows by name of the case, as far as they are there."""
+    return dict(read_json(path)) if path.is_file() else {}
+
+
 def save(path: Path, saved: dict[str, Any]) -> None:
     """One line a case, so that a difference shows which case changed."""
     rows = (f"{json.dumps(name)}: {json.dumps(_rounded(row))}" for name, row in sorted(saved.items()))
@@ -114,7 +119,7 @@ def main() -> int:
     parser.add_argument("--results", type=Path, default=HERE / "results", help="folder of the JSON, tables and plots")
     arguments = parser.parse_args()
     path = arguments.results / "dense_stereo.json"
-    saved: dict[str, Any] = read_json(path) if path.is_file() else {}
+    saved = load(path)
     chosen = [
         case
         for case in all_cases()
@@ -135,7 +140,8 @@ def main() -> int:
     wanted = [case for case in chosen if arguments.force or not is_done(saved, case)]
     for number, case in enumerate([] if arguments.report else wanted, start=1):
         started = time.perf_counter()
-        saved[case.name] = record = measure(case, arguments.work, arguments.makehuman)
+        record = measure(case, arguments.work, arguments.makehuman)
+        saved = load(path) | {case.name: record}  # another call may have measured other cases meanwhile
         save(path, saved)
         print(f"{number}/{len(wanted)} {case.name}: {record['status']} {record.get('reason', '')}", end=" ")
         print(f"({time.perf_counter() - started:.0f} s)", flush=True)
