@@ -24,7 +24,7 @@ from pathlib import Path
 import numpy as np
 
 from capture_eval.files.blend_files import write_shapes_npz
-from capture_eval.interpolation.blendshapes import blend_basis, blend_blocks, blend_into
+from capture_eval.interpolation.blendshapes import blend_basis, blend_blocks, blend_into, block_size
 from capture_eval.interpolation.weight_grid import normalise_weights, weight_grid
 
 PAPER = "72.7 s for 7,775 models in the paper (its laptop, its language: not like for like)"
@@ -42,11 +42,14 @@ def problem(models: int, vertices: int, targets: int, precision: str) -> tuple[n
     return weights, blend_basis(shapes[0], list(shapes[1:]), precision)
 
 
-def interleaved(works: dict[str, Callable[[], object]], rounds: int) -> dict[str, list[float]]:
-    """Wall seconds of every work in every round, after one round that does not count."""
+def interleaved(
+    works: dict[str, Callable[[], object]], rounds: int, before: Callable[[], object] = lambda: None
+) -> dict[str, list[float]]:
+    """Wall seconds of every work in every round, after one round that does not count; ``before`` each, uncounted."""
     taken: dict[str, list[float]] = {name: [] for name in works}
     for number in range(rounds + 1):
         for name, work in works.items():
+            before()
             begin = time.perf_counter()
             work()
             if number:
@@ -84,45 +87,55 @@ def in_memory(models: int, vertices: int, rounds: int) -> None:
     print(f"\n{PAPER}")
 
 
-def sequential_write(path: Path, size: int, block: bytes) -> None:
-    """The disk's own rate: the same bytes, block after block, and on the disk at the end."""
+def sequential_write(path: Path, content: memoryview, step: int) -> None:
+    """The disk's own rate: the same bytes out of memory, block after block, and on the disk at the end."""
     with open(path, "wb", buffering=0) as stream:
-        left = size
-        while left > 0:
-            stream.write(block[: min(left, len(block))])
-            left -= len(block)
+        for first in range(0, len(content), step):
+            stream.write(content[first : first + step])
+        os.fsync(stream.fileno())
+
+
+def blended_write(path: Path, weights: np.ndarray, basis: np.ndarray) -> None:
+    """The shapes made and written to one npz, and on the disk at the end."""
+    shape = (len(weights), basis.shape[1] // 3, 3)
+    write_shapes_npz(path, blend_blocks(weights, basis), shape, basis.dtype, {"weights": weights})
+    with open(path, "rb") as stream:
         os.fsync(stream.fileno())
 
 
 def to_disk(models: int, vertices: int, folder: Path, rounds: int) -> None:
-    """Table of the time to stream all models to one npz."""
+    """Table of the time to stream all models to one npz.
+
+    Every file is new: writing over an old one would give one side the memory and the blocks of the old file back.
+    """
     print(f"\n## {models} models × {vertices} vertices to disk ({rounds} interleaved rounds, each ends on the disk)\n")
-    print("| precision | what | s | MB/s | share of the disk's own rate |")
-    print("| --- | --- | ---: | ---: | ---: |")
+    print("| precision | what | s | MB/s | share of the disk's own rate (each round) |")
+    print("| --- | --- | ---: | ---: | --- |")
     for precision in ("float32", "float64"):
         weights, basis = problem(models, vertices, 5, precision)
-        size = models * vertices * 3 * np.dtype(precision).itemsize
-        block = np.random.default_rng(1).bytes(64 * vertices * 3 * np.dtype(precision).itemsize)
+        finished = np.zeros((models, vertices, 3), dtype=precision)
+        blend_into(weights, basis, finished)
+        step = block_size(basis) * finished[0].nbytes
         target, plain = folder / "blend.npz", folder / "plain.bin"
-
-        def ours(weights: np.ndarray = weights, basis: np.ndarray = basis, target: Path = target) -> None:
-            shape = (len(weights), basis.shape[1] // 3, 3)
-            write_shapes_npz(target, blend_blocks(weights, basis), shape, basis.dtype, {"weights": weights})
-            with open(target, "rb") as stream:
-                os.fsync(stream.fileno())
-
+        content = finished.reshape(-1).view(np.uint8).data
         works: dict[str, Callable[[], object]] = {
-            "sequential write": lambda size=size, block=block, plain=plain: sequential_write(plain, size, block),
-            "blended while written": ours,
+            "sequential write": lambda a=content, b=step, c=plain: sequential_write(c, a, b),
+            "blended while written": lambda a=weights, b=basis, c=target: blended_write(c, a, b),
         }
-        taken = interleaved(works, rounds)
+
+        def fresh(files: tuple[Path, ...] = (target, plain)) -> None:
+            for file in files:
+                file.unlink(missing_ok=True)
+            os.sync()
+
+        taken = interleaved(works, rounds, fresh)
+        fresh()
         own = taken["sequential write"]
         for name, values in taken.items():
-            share = statistics.median(b / a for a, b in zip(values, own, strict=True))
+            shares = [100 * b / a for a, b in zip(values, own, strict=True)]
             middle = statistics.median(values)
-            print(f"| {precision} | {name} | {middle:.2f} | {size / middle / 1e6:.0f} | {100 * share:.0f} % |")
-        target.unlink()
-        plain.unlink()
+            listed = f"{statistics.median(shares):.0f} % ({', '.join(f'{share:.0f}' for share in shares)})"
+            print(f"| {precision} | {name} | {middle:.2f} | {finished.nbytes / middle / 1e6:.0f} | {listed} |")
 
 
 def growth(rounds: int) -> None:

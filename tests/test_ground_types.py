@@ -1,6 +1,7 @@
 """Ground types: meshes, cameras, similarities, geometry and atomic files by identities and hand values."""
 
 import hashlib
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -167,6 +168,20 @@ class TestAtomicFiles:
             digests.append(hashlib.sha256((tmp_path / name).read_bytes()).hexdigest())
         assert digests[0] == digests[1]
         np.testing.assert_array_equal(read_npz(tmp_path / "one.npz")["a"], arrays["a"])
+
+    def test_npz_is_written_in_pieces_and_arrays_can_be_made_one_after_the_other(self, tmp_path: Path) -> None:
+        """Pieces are 16 MB, and two of them exist while one is compressed; both arrays together are 160 MB."""
+        made = (("ab"[i], np.full(10_000_000, float(i))) for i in range(2))
+        tracemalloc.start()
+        write_npz(tmp_path / "large.npz", made)
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert 80e6 < peak < 80e6 + 40e6
+        write_npz(
+            tmp_path / "again.npz", {name: np.full(10_000_000, value) for name, value in (("a", 0.0), ("b", 1.0))}
+        )
+        assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "large.npz").read_bytes()
+        assert read_npz(tmp_path / "large.npz")["b"][-1] == 1.0
 
     def test_pickles_are_refused(self, tmp_path: Path) -> None:
         np.savez(tmp_path / "bad.npz", a=np.array([{"x": 1}], dtype=object))

@@ -1,11 +1,10 @@
 """Files that are either whole or not there: written under a temporary name, then renamed."""
 
-import io
 import json
 import os
 import uuid
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from capture_eval.errors import InputError
 
-_ZIP_TIME = (1980, 1, 1, 0, 0, 0)  # a fixed date, so that equal arrays give equal bytes
+_ZIP_LARGE = 2_000_000_000  # bytes from which on a member's sizes need eight bytes each, headers included
 
 
 @contextmanager
@@ -61,15 +60,32 @@ def read_json(path: Path) -> Any:
         raise InputError(f"{path}: cannot be read as JSON ({error})") from error
 
 
-def write_npz(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write arrays compressed; equal arrays give equal bytes (np.savez stores the time of day)."""
-    with atomic_path(path) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, array in arrays.items():
-            buffer = io.BytesIO()
-            np.lib.format.write_array(buffer, np.asanyarray(array), allow_pickle=False)
-            info = zipfile.ZipInfo(f"{name}.npy", date_time=_ZIP_TIME)
-            info.compress_type = zipfile.ZIP_DEFLATED
-            archive.writestr(info, buffer.getvalue(), compresslevel=4)
+Arrays = Mapping[str, NDArray[Any]] | Iterable[tuple[str, NDArray[Any]]]
+
+
+def write_npz(path: Path, arrays: Arrays) -> None:
+    """Write arrays compressed; equal arrays give equal bytes (np.savez stores the time of day).
+
+    Parameters
+    ----------
+    path : Path
+        File to write, whole or not at all.
+    arrays : mapping of name to array, or iterable of (name, array)
+        Compressed some megabytes at a time, without a copy of the whole. An iterable is asked for the next array when
+        the one before is written, so that arrays that are made for the file need not exist together.
+    """
+    items = arrays.items() if isinstance(arrays, Mapping) else arrays
+    with (
+        atomic_path(path) as temporary,
+        zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, compresslevel=4) as archive,
+    ):
+        for name, array in items:
+            content = np.asanyarray(array)
+            large = content.nbytes > _ZIP_LARGE
+            # opened by its name, a member has the earliest date that zip knows, whatever the time
+            with archive.open(f"{name}.npy", "w", force_zip64=large) as stream:
+                np.lib.format.write_array(stream, content, allow_pickle=False)
+            del array, content  # before the next one is made
 
 
 def read_npz(path: Path) -> dict[str, NDArray[Any]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import zipfile
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
@@ -19,12 +20,17 @@ from capture_eval.files.atomic import atomic_path, write_bytes
 from capture_eval.polygon_mesh import PolygonMesh
 
 _ZIP_TIME = (1980, 1, 1, 0, 0, 0)  # a fixed date, so that equal arrays give equal bytes
+_SEND_TO_DISK = getattr(os, "fdatasync", os.fsync)  # not every system has the cheaper one
 Blocks = Iterable[NDArray[np.floating]]
 Progress = Callable[[int, int], None]
 
 
 class _WriteBehind(io.RawIOBase):
-    """A file whose writes happen in a thread of their own, so that the next shapes are made meanwhile."""
+    """A file whose writes happen in a thread of their own, so that the next shapes are made meanwhile.
+
+    A second thread sends to the disk what was written: the disk works from the start instead of waiting for the end,
+    memory of the system does not fill with gigabytes that wait, and a closed file is on the disk.
+    """
 
     _PENDING = 2  # writes that may wait; each holds one block
 
@@ -32,6 +38,8 @@ class _WriteBehind(io.RawIOBase):
         self._raw = raw
         self._place = 0
         self._pool = ThreadPoolExecutor(max_workers=1)
+        self._syncing = ThreadPoolExecutor(max_workers=1)
+        self._synced: Future[None] | None = None
         self._pending: deque[tuple[Future[None], bytearray]] = deque()
         self._free: list[bytearray] = []  # used again, since fresh memory costs more than copying
 
@@ -64,6 +72,13 @@ class _WriteBehind(io.RawIOBase):
     def _write_all(self, left: memoryview) -> None:
         while left:
             left = left[self._raw.write(left) or 0 :]
+        if self._synced is None or self._synced.done():
+            self._sync()
+
+    def _sync(self) -> None:
+        if self._synced is not None:
+            self._synced.result()  # a full disk may show only here
+        self._synced = self._syncing.submit(_SEND_TO_DISK, self._raw.fileno())
 
     def tell(self) -> int:
         return self._place
@@ -81,8 +96,11 @@ class _WriteBehind(io.RawIOBase):
         if not self.closed:
             try:
                 self.flush()
+                self._sync()
+                self._sync()
             finally:
                 self._pool.shutdown(wait=True, cancel_futures=True)
+                self._syncing.shutdown(wait=True)
                 super().close()
 
 

@@ -26,7 +26,7 @@ Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]
 
 BLOCK_MODELS = 64
-BLOCK_BYTES = 32_000_000
+BLOCK_BYTES = 2_000_000  # a checksum and a copy of larger blocks wait for memory (benchmarks/blendshapes.py)
 
 
 def vertices_on_curves(curves: Sequence[Curve], vertex_count: int) -> Booleans:
