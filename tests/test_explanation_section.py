@@ -26,7 +26,10 @@ def test_the_section_tells_verdicts_best_moments_and_fits() -> None:
     section = explanation_section(summary)
     assert section is not None
     assert "no claim about people" in section.text
-    pairs, best, fitted = (table for _, table, _ in section.tables)
+    pairs, intervals, best, fitted = (table for _, table, _ in section.tables)
+    assert [row[0] for row in intervals.rows] == ["geometric linear", "PDE linear (R = 1)", "PDE quadratic (R = 2)"]
+    assert intervals.rows[0][5] == intervals.rows[0][7] == best.rows[0][2]  # LAE, where its interval ends, LAE again
+    assert "comes from one or few poses" in section.text
     assert [row[0] for row in pairs.rows] == ["not resolved", "worse", "worse"]
     assert "they give the same errors" in pairs.rows[0][1]
     assert "is worse than PDE quadratic" in pairs.rows[1][1]
@@ -37,7 +40,7 @@ def test_the_section_tells_verdicts_best_moments_and_fits() -> None:
     assert fitted.rows[0][0] == "linear"
     assert fitted.rows[2][1] == "exponent 2"
     assert fitted.rows[4][1] == "own ones for each of 5 curves"
-    assert "judged at t = 0.2, 0.4, 0.6, 0.8" in section.tables[2][0]
+    assert "judged at t = 0.2, 0.4, 0.6, 0.8" in section.tables[3][0]
 
 
 def test_older_results_have_no_such_section() -> None:

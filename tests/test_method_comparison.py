@@ -15,11 +15,13 @@ from capture_eval.evaluation.method_comparison import CAVEAT, compare_methods
 from capture_eval.evaluation.oracles import evaluate_oracles
 from capture_eval.evaluation.statistics import (
     bootstrap_interval,
+    bootstrap_maximum_interval,
     holm_correction,
     minimum_detectable_difference,
     sign_flip_test,
 )
 from capture_eval.interpolation.methods import create_method, create_methods
+from capture_eval.report.method_intervals import interval_table
 from capture_eval.report.pair_verdicts import pair_sentence, pair_table
 from capture_eval.report.tables import to_markdown
 
@@ -69,6 +71,36 @@ def test_bootstrap_covers_the_mean() -> None:
     assert 0.86 <= hits / 200 <= 0.98
     assert bootstrap_interval([1.0]) is None
     assert bootstrap_interval([2.0, 2.0]) == (2.0, 2.0)
+
+
+def test_intervals_of_largest_errors_end_at_what_was_seen() -> None:
+    """Of 9 poses the worst is in a resample with probability 1 − (8/9)⁹ = 0.65, one of the worst two with 0.896, of
+    the worst three with 0.974 and of the worst four with 0.995: the lower 2.5 % end is the fourth or third largest."""
+    values = np.arange(1.0, 10.0)
+    assert bootstrap_maximum_interval(values) in ((6.0, 9.0), (7.0, 9.0))
+    assert bootstrap_maximum_interval([3.0]) is None
+    one = bootstrap_maximum_interval([1.0] * 8 + [5.0])
+    assert one == (1.0, 5.0)  # a figure that hangs on a single pose
+
+
+def test_every_method_has_intervals_of_mean_lae_and_lme_by_pose() -> None:
+    average = np.full((2, 2, 9), 0.01)
+    average[0, 1] += 0.001 * np.arange(9)
+    average[0, 1, 8] = np.nan  # LAE comes from the pose before; the other curve keeps this pose
+    average[1] = np.nan
+    found = compare_methods(table(average), None)
+    first, second = found["methods"].values()
+    assert (first["poses"], first["LAE"], first["LME"]) == (9, pytest.approx(0.017), pytest.approx(0.034))
+    assert first["LAE_interval"][1] == first["LAE"]
+    assert first["LAE_interval"][0] >= 0.01
+    np.testing.assert_allclose(first["LME_interval"], 2 * np.array(first["LAE_interval"]))
+    assert second == {"poses": 0} | dict.fromkeys(
+        ("mean_E_A", "LAE", "LME", "interval", "LAE_interval", "LME_interval")
+    )
+    text = to_markdown(interval_table(found, {"m0": "linear"}))
+    assert "| linear | 9" in text
+    assert "1.700" in text
+    assert interval_table({"methods": {"old": {"poses": 3}}}, {}).rows == ()
 
 
 def test_least_detectable_difference() -> None:

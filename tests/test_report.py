@@ -367,6 +367,17 @@ def test_verdict_without_values_or_floor_or_rivals() -> None:
     assert "only method" in judge({"linear": MethodScore(0.01, 0.02)}, FLOOR).headline
 
 
+def test_verdict_warns_when_some_methods_were_given_poses() -> None:
+    scores = {name: MethodScore(0.01, 0.02) for name in ("linear", "b_spline", "catmull_rom")}
+    times = {"linear": [], "b_spline": [0.5], "catmull_rom": [0.5]}
+    (line,) = (text for text in judge(scores, FLOOR, key_times=times).cautions if "Not like for like" in text)
+    assert "(t = 0.5) and " in line
+    assert "were given in-between poses" in line
+    splines = {name: scores[name] for name in ("b_spline", "catmull_rom")}
+    for given_scores, given_times in ((splines, times), (scores, {}), (scores, None)):
+        assert "Not like" not in " ".join(judge(given_scores, FLOOR, key_times=given_times).cautions)
+
+
 @given(
     st.dictionaries(
         st.sampled_from(["linear", "pde_linear", "pde_quadratic", "own"]),

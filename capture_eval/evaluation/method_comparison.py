@@ -15,6 +15,7 @@ from capture_eval.evaluation.statistics import (
     RESAMPLES,
     SEED,
     bootstrap_interval,
+    bootstrap_maximum_interval,
     holm_correction,
     minimum_detectable_difference,
     sign_flip_test,
@@ -45,23 +46,20 @@ def compare_methods(table: ErrorTable, noise_floor: float | None) -> dict[str, A
     Returns
     -------
     dict
-        ``methods``: mean and interval; ``pairs``: the first method against the second: difference of the means with
+        ``methods``: mean E_A, LAE and LME with intervals by pose; ``pairs``: the first method against the second: difference of the means with
         interval, p, p after Holm's correction over all pairs of methods that differ, least detectable difference,
         and ``verdict`` ``better``, ``worse`` or ``not resolved`` with its reason (``equal``, ``few
         poses``, ``significance``, ``noise``).
     """
-    methods = {}
-    for k, name in enumerate(table.methods):
-        values = _pose_means(table.average[k])
-        interval = bootstrap_interval(values)
-        mean = float(values.mean()) if len(values) else None
-        methods[name] = {"poses": len(values), "mean_E_A": mean, "interval": list(interval) if interval else None}
+    methods = {name: _method(table, k) for k, name in enumerate(table.methods)}
     pairs = [_pair(table, a, b, noise_floor) for a, b in combinations(range(len(table.methods)), 2)]
     tested = _correct(pairs, table.methods)
     for pair in pairs:
         pair["verdict"], pair["reason"] = _verdict(pair, noise_floor, tested)
     return {
         "definition": "per in-between pose the mean over curves of E_A; pairs on the poses both methods have",
+        "definition_of_largest": "LAE and LME: largest E_A and E_M of every pose, resampled by pose; no resample exceeds "
+        "what was seen, so an interval shows how far the figure hangs on single poses, not how large it may become",
         "confidence": CONFIDENCE,
         "power": POWER,
         "resamples": RESAMPLES,
@@ -95,6 +93,18 @@ def _correct(pairs: list[dict[str, Any]], methods: tuple[str, ...]) -> int:
             key = frozenset(stands_for[pair[end]] for end in ("first", "second"))
             pair["p_holm"] = known.get(key, min(1.0, pair["p"] * max(1, len(counted))))
     return len(counted)
+
+
+def _method(table: ErrorTable, k: int) -> dict[str, Any]:
+    values = _pose_means(table.average[k])
+    found: dict[str, Any] = {"poses": len(values), "mean_E_A": float(values.mean()) if len(values) else None}
+    intervals = {"interval": bootstrap_interval(values)}
+    for name, errors in (("LAE", table.average[k]), ("LME", table.maximum[k])):
+        known = np.isfinite(errors)
+        largest = np.where(known, errors, 0.0).max(axis=0)[known.any(axis=0)]
+        found[name] = float(largest.max()) if len(largest) else None
+        intervals[f"{name}_interval"] = bootstrap_maximum_interval(largest)
+    return found | {key: list(interval) if interval else None for key, interval in intervals.items()}
 
 
 def _pose_means(values: Floats) -> Floats:

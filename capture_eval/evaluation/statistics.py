@@ -41,14 +41,36 @@ def bootstrap_interval(values: ArrayLike, confidence: float = CONFIDENCE) -> tup
         Values that are not finite or not a list, or a confidence outside (0, 1).
     """
     sample = _sample(values)
+    drawn = _resampled(len(sample), confidence)
+    return None if drawn is None else _middle(drawn @ sample / len(sample), confidence)
+
+
+def bootstrap_maximum_interval(values: ArrayLike, confidence: float = CONFIDENCE) -> tuple[float, float] | None:
+    """Percentile interval of the largest value over poses, for LME and LAE.
+
+    A resample holds no larger error than was seen, so that the upper end is at most the figure itself: the interval
+    tells how far the figure hangs on single poses, and cannot tell how large errors of other poses would be.
+
+    Parameters, returns and errors are those of `bootstrap_interval`.
+    """
+    sample = _sample(values)
+    drawn = _resampled(len(sample), confidence)
+    if drawn is None:
+        return None
+    return _middle(np.where(drawn > 0, sample, -np.inf).max(axis=1), confidence)
+
+
+def _resampled(count: int, confidence: float) -> NDArray[np.int64] | None:
+    """How often every pose is drawn in every resample, (RESAMPLES, P)."""
     if not 0.0 < confidence < 1.0:
         raise InputError(f"confidence {confidence} must be in (0, 1)")
-    count = len(sample)
     if count < 2:
         return None
-    rng = np.random.default_rng(SEED)
-    drawn = rng.multinomial(count, np.full(count, 1.0 / count), size=RESAMPLES)
-    low, high = np.quantile(drawn @ sample / count, [0.5 - confidence / 2, 0.5 + confidence / 2])
+    return np.random.default_rng(SEED).multinomial(count, np.full(count, 1.0 / count), size=RESAMPLES)
+
+
+def _middle(values: Floats, confidence: float) -> tuple[float, float]:
+    low, high = np.quantile(values, [0.5 - confidence / 2, 0.5 + confidence / 2])
     return float(low), float(high)
 
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from . import figure_style
+from .method_intervals import EXPLANATION, HEADER, interval_rows
 from .page import Section, Table
 from .pair_verdicts import pair_sentence
 
@@ -27,6 +28,12 @@ def explanation_section(summary: Mapping[str, Any]) -> Section | None:
         marks = ["" if pair["verdict"] == "not resolved" else "best" for pair in pairs]
         heading = "Every pair of methods, mean error per pose over all curves"
         tables.append((heading, Table(("verdict", "in words"), rows, marks, text_columns=2), len(rows) > _MANY_PAIRS))
+    intervals = [
+        tuple(cell if isinstance(cell, str) else _number(cell) for cell in row)
+        for row in interval_rows(statistics, labels)
+    ]
+    if intervals:
+        tables.append(("Every method with its intervals, in % of D", Table(HEADER, intervals, text_columns=1), False))
     best = best_fit_table(methods, labels)
     if best.rows:
         tables.append(("Errors at the moment that fits each pose best, in % of D", best, False))
@@ -36,6 +43,7 @@ def explanation_section(summary: Mapping[str, Any]) -> Section | None:
     text = (
         f"{statistics['caveat']} Not resolved does not mean equal. The moment of a photographed pose is its number, "
         "not a measured time: what is left at the best-fitting moment is wrong however the poses were timed."
+        f"{' ' + EXPLANATION if intervals else ''}"
     )
     return Section("explanation", "Which differences are real", text, (), tables)
 
@@ -83,4 +91,8 @@ def _parameters(options: Any) -> str:
 
 
 def _percent(value: float | None) -> str:
-    return "—" if value is None or not math.isfinite(value) else f"{100.0 * value:.3f}"
+    return _number(None if value is None else 100.0 * value)
+
+
+def _number(value: float | None) -> str:
+    return "—" if value is None or not math.isfinite(value) else f"{value:.3f}"

@@ -57,6 +57,7 @@ def judge(
     noise_floor: NoiseFloor | None,
     failed_poses: Sequence[str] = (),
     pose_count: int = 0,
+    key_times: Mapping[str, Sequence[float]] | None = None,
 ) -> Verdict:
     """Put the outcome in words.
 
@@ -73,6 +74,8 @@ def judge(
         Names of poses without a result.
     pose_count
         Number of all poses.
+    key_times
+        Times of the in-between poses that a method was given, by method.
     """
     known = {
         name: score
@@ -83,6 +86,7 @@ def judge(
     if not known:
         return Verdict("No method could be evaluated.", (), cautions, False)
     labels = {name: style.label for name, style in figure_style.method_styles(list(known)).items()}
+    cautions += _given_poses(labels, key_times or {})
     average = {name: score.largest_average for name, score in known.items()}
     maximum = {name: score.largest_maximum for name, score in known.items()}
     best_average, best_maximum = (
@@ -189,6 +193,19 @@ def _cautions(
     if unknown:
         lines.append(f"No value for {_join(sorted(unknown))}.")
     return tuple(lines)
+
+
+def _given_poses(labels: Mapping[str, str], key_times: Mapping[str, Sequence[float]]) -> tuple[str, ...]:
+    """A caution when some methods knew poses between the ends that others had to predict."""
+    given = {name: tuple(key_times[name]) for name in labels if key_times.get(name)}
+    if not given or (len(given) == len(labels) and len(set(given.values())) == 1):
+        return ()
+    listed = _join([f"{labels[name]} (t = {', '.join(f'{t:g}' for t in times)})" for name, times in given.items()])
+    return (
+        f"Not like for like: {listed} {'was' if len(given) == 1 else 'were'} given in-between poses, which are not "
+        "counted in the figures of that method; methods that know only the first and the last pose had to predict "
+        "them all. Compare methods that were given the same poses.",
+    )
 
 
 def percent(fraction: float, digits: int = 3) -> str:
