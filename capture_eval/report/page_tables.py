@@ -61,10 +61,11 @@ def page_content(
     """
     scores = method_scores(results.summary)
     failed = [pose.name for pose in results.poses if not pose.ok]
+    given = {name: row.get("key_times") or () for name, row in (results.summary.get("methods") or {}).items()}
     return PageContent(
         title=results.name,
         subtitle=str(info.get("description") or ""),
-        verdict=judge(scores, noise_floor(results.summary), failed, len(results.poses)),
+        verdict=judge(scores, noise_floor(results.summary), failed, len(results.poses), given),
         bars=_bars(scores),
         scores=score_table(results.summary, scores),
         facts=_facts(results),
