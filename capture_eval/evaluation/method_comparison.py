@@ -46,10 +46,10 @@ def compare_methods(table: ErrorTable, noise_floor: float | None) -> dict[str, A
     Returns
     -------
     dict
-        ``methods``: mean E_A, LAE and LME with intervals by pose; ``pairs``: the first method against the second: difference of the means with
-        interval, p, p after Holm's correction over all pairs of methods that differ, least detectable difference,
-        and ``verdict`` ``better``, ``worse`` or ``not resolved`` with its reason (``equal``, ``few
-        poses``, ``significance``, ``noise``).
+        ``methods``: mean E_A, LAE and LME with intervals by pose; ``pairs``: the first method against the second:
+        difference of the means with interval, p, p after Holm's correction over all pairs of methods that differ,
+        least detectable difference, and ``verdict`` ``better``, ``worse`` or ``not resolved`` with its reason
+        (``equal``, ``few poses``, ``significance``, ``noise``).
     """
     methods = {name: _method(table, k) for k, name in enumerate(table.methods)}
     pairs = [_pair(table, a, b, noise_floor) for a, b in combinations(range(len(table.methods)), 2)]
@@ -58,8 +58,8 @@ def compare_methods(table: ErrorTable, noise_floor: float | None) -> dict[str, A
         pair["verdict"], pair["reason"] = _verdict(pair, noise_floor, tested)
     return {
         "definition": "per in-between pose the mean over curves of E_A; pairs on the poses both methods have",
-        "definition_of_largest": "LAE and LME: largest E_A and E_M of every pose, resampled by pose; no resample exceeds "
-        "what was seen, so an interval shows how far the figure hangs on single poses, not how large it may become",
+        "definition_of_largest": "LAE and LME: largest E_A and E_M of every pose, resampled by pose; no resample "
+        "exceeds what was seen, so an interval shows how far the figure hangs on single poses, not how large it may become",
         "confidence": CONFIDENCE,
         "power": POWER,
         "resamples": RESAMPLES,
