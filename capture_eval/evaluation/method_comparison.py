@@ -59,7 +59,7 @@ def compare_methods(table: ErrorTable, noise_floor: float | None) -> dict[str, A
     return {
         "definition": "per in-between pose the mean over curves of E_A; pairs on the poses both methods have",
         "definition_of_largest": "LAE and LME: largest E_A and E_M of every pose, resampled by pose; no resample "
-        "exceeds what was seen, so an interval shows how far the figure hangs on single poses, not how large it may become",
+        "exceeds what was seen: an interval shows how far the figure hangs on single poses, not how large it may be",
         "confidence": CONFIDENCE,
         "power": POWER,
         "resamples": RESAMPLES,
