@@ -17,7 +17,7 @@ from capture_eval.reconstruction.depth_filtering import (
     point_deviation,
     points_of_depth,
 )
-from capture_eval.reconstruction.foreground_mask import choose_window, textured_region
+from capture_eval.reconstruction.foreground_mask import textured_region
 from capture_eval.reconstruction.image_pyramid import Pyramid, StereoView, build_pyramid, pack_texels
 from capture_eval.reconstruction.patch_match import (
     PatchMatchOptions,
@@ -215,14 +215,6 @@ def _shrunk(inside: np.ndarray) -> np.ndarray:
 def test_a_photo_without_plain_places_loses_nothing() -> None:
     noise = np.random.default_rng(0).integers(0, 255, (60, 80, 3)).astype(np.uint8)
     assert textured_region(noise, 4).all()
-
-
-@pytest.mark.parametrize(("contrast", "window"), [(8.0, 3), (1.5, 4), (0.0, 4)])
-def test_patches_are_wide_where_texture_is_weak(contrast: float, window: int) -> None:
-    generator = np.random.default_rng(0)
-    grey = 120.0 + generator.normal(0, 1.0, (120, 160))
-    grey[:, 60:] += contrast * generator.normal(0, 1.0, (120, 100))
-    assert choose_window(np.rint(grey).astype(np.float32)) == window
 
 
 def ball_maps(names: tuple[int, ...]) -> list[DepthMap]:

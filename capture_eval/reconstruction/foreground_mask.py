@@ -15,11 +15,7 @@ Flags = NDArray[np.bool_]
 _LIKE_COLOUR = 24.0  # grey levels at which a neighbour no longer counts as of like colour
 _NOISE_FROM_PLAINEST = 1.45  # from the 5th percentile of the variance of plain patches to its median
 _ABOVE_NOISE = 1.6  # most patches of pure noise stay below, the median filter closes the rest
-_SMALLEST_SHARE = 0.01
 _PAD = 8
-_NARROW_WINDOW, _WIDE_WINDOW = 3, 4
-_CLEAR_TEXTURE = 10.0  # variance of the texture as a multiple of the noise's
-_LEAST_NOISE = 0.08  # grey levels squared: what rounding to whole numbers leaves
 
 
 def plainness(grey: Singles, radius: int) -> Singles:
@@ -38,42 +34,19 @@ def plainness(grey: Singles, radius: int) -> Singles:
     return variance
 
 
-def _noise(variance: Singles, most_noise: float) -> float:
-    """Variance of the sensor's noise, from the plainest twentieth of the photo."""
-    return min(_NOISE_FROM_PLAINEST * float(np.percentile(variance, 5.0)), most_noise**2)
-
-
-def choose_window(grey: Singles, most_noise: float = 1.6) -> int:
-    """Half width of the patches that suit a photo: narrow ones for clear texture, wide ones for texture in noise.
-
-    Narrow patches follow creases and curved skin better; wide ones have more to compare where texture is weak. On
-    heads of known shape the texture's variance is 25 to 50 times the noise's with normal skin and 4 times with weak
-    skin, so the limit between the two is not delicate.
-    """
-    variance = plainness(grey, _WIDE_WINDOW)
-    plain = _large_plain(variance, most_noise, _SMALLEST_SHARE)
-    if plain.all():
-        return _WIDE_WINDOW
-    strength = float(np.median(variance[~plain])) / max(_noise(variance, most_noise), _LEAST_NOISE)
-    return _NARROW_WINDOW if strength >= _CLEAR_TEXTURE else _WIDE_WINDOW
-
-
-def plain_region(grey: Singles, radius: int, most_noise: float, smallest_share: float = _SMALLEST_SHARE) -> Flags:
+def plain_region(grey: Singles, radius: int, most_noise: float, smallest_share: float = 0.01) -> Flags:
     """Large regions (H, W) that do not vary beyond noise.
 
     The noise is taken from the plainest twentieth of the photo, but never above `most_noise` (standard deviation, grey
     levels): a photo without plain places must not lose its weakest texture.
     """
-    return _large_plain(plainness(grey, radius), most_noise, smallest_share)
-
-
-def _large_plain(variance: Singles, most_noise: float, smallest_share: float) -> Flags:
     import cv2
 
-    noise = _noise(variance, most_noise)
+    variance = plainness(grey, radius)
+    noise = min(_NOISE_FROM_PLAINEST * float(np.percentile(variance, 5.0)), most_noise**2)
     plain = cv2.medianBlur((variance <= _ABOVE_NOISE * noise).astype(np.uint8), 5)
     _, labels, numbers, _ = cv2.connectedComponentsWithStats(plain, connectivity=4)
-    large = numbers[:, cv2.CC_STAT_AREA] >= smallest_share * variance.size
+    large = numbers[:, cv2.CC_STAT_AREA] >= smallest_share * grey.size
     large[0] = False
     return np.asarray(large[labels])
 

@@ -34,7 +34,7 @@ from capture_eval.files.colmap_workspace import (
     write_mask,
 )
 from capture_eval.reconstruction.depth_filtering import DepthMap, FilterOptions, make_consistent
-from capture_eval.reconstruction.foreground_mask import choose_window, textured_region
+from capture_eval.reconstruction.foreground_mask import textured_region
 from capture_eval.reconstruction.image_pyramid import Pyramid, StereoView, build_pyramid, level_count
 from capture_eval.reconstruction.patch_match import PatchMatchOptions, match_view
 from capture_eval.reconstruction.view_selection import choose_sources, depth_range, pair_scores
@@ -231,7 +231,6 @@ class _Photos:
     def __init__(self, workspace: DenseWorkspace, options: DenseOptions) -> None:
         self._workspace = workspace
         self._options = options
-        self.windows: dict[int, int] = {}
         sizes = [(view.intrinsics.width, view.intrinsics.height) for view in workspace.views]
         self.levels = max(level_count(width, height) for width, height in sizes)
         self.pyramid = lru_cache(maxsize=_CACHED_PHOTOS)(self._load)
@@ -241,8 +240,7 @@ class _Photos:
         colours = read_colours(self._workspace.image_path(index), view)
         # The mean of the channels has less noise than the luminance.
         grey = np.asarray(colours.mean(axis=2), dtype=np.float32)
-        self.windows[index] = self._options.stereo.window or choose_window(grey)
-        mask = textured_region(colours, self.windows[index])
+        mask = textured_region(colours, self._options.stereo.window)
         given = _mask(self._options.masks, view)
         mask = mask if given is None else mask & given
         stereo_view = StereoView(view.name, grey, view.intrinsics.matrix, view.rotation, view.translation, mask)
@@ -278,6 +276,7 @@ def _undistort_masks(sparse: Path, workspace: Path, masks: Path) -> None:
 def _cpu_maps(workspace: DenseWorkspace, sources: Sequence[NDArray[np.int64]], options: DenseOptions) -> None:
     """Photometric maps of every photo by PatchMatch."""
     photos = _Photos(workspace, options)
+    settings = replace(options.stereo, threads=options.threads)
     for index, view in enumerate(workspace.views):
         _, depths = project(view, workspace.points[workspace.visible[index]])
         shape = (view.intrinsics.height, view.intrinsics.width)
@@ -287,9 +286,7 @@ def _cpu_maps(workspace: DenseWorkspace, sources: Sequence[NDArray[np.int64]], o
             write_map(map_path(workspace.folder, "confidence", view.name, "photometric"), np.zeros((*shape, 2)))
             continue
         span = depth_range(depths, view.name)
-        pyramid = photos.pyramid(index)
-        settings = replace(options.stereo, threads=options.threads, window=photos.windows[index])
-        found = match_view(pyramid, [photos.pyramid(int(k)) for k in sources[index]], span, settings)
+        found = match_view(photos.pyramid(index), [photos.pyramid(int(k)) for k in sources[index]], span, settings)
         _write_maps(workspace, view.name, "photometric", found.depth, found.normal)
         confidence = np.stack([found.likeness, found.deviation], axis=2)
         write_map(map_path(workspace.folder, "confidence", view.name, "photometric"), confidence)
