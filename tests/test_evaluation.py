@@ -332,7 +332,11 @@ def test_stage_writes_everything_and_repeats_byte_for_byte(capture: Path) -> Non
     names = sorted(path.name for path in (capture / "report").iterdir())
     assert names == sorted(
         ["errors.csv", "summary.json", "registered.npz", "curves.npz"]
-        + [f"table_{name}.{ending}" for name in ("lme_lae", "pairs", "per_curve") for ending in ("csv", "md", "tex")]
+        + [
+            f"table_{name}.{ending}"
+            for name in ("intervals", "lme_lae", "pairs", "per_curve")
+            for ending in ("csv", "md", "tex")
+        ]
     )
     for name in names:
         assert (capture / "report" / name).read_bytes() == (capture / "again" / name).read_bytes(), name

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from capture_eval.curves.edge_loops import edge_topology
 from capture_eval.curves.extract import Curve, CurveSet, extract_curves, resolve_curves
 from capture_eval.errors import InputError, SolverError
-from capture_eval.evaluation.error_table import ErrorTable, Evaluation, check_pose_times, evaluate_curves
+from capture_eval.evaluation.error_table import Evaluation, check_pose_times, evaluate_curves
 from capture_eval.evaluation.fit_report import fit_report, training_poses
 from capture_eval.evaluation.summary import summarise
 from capture_eval.evaluation.truth_comparison import compare_with_truth
@@ -24,8 +24,8 @@ from capture_eval.files.mesh_files import read_mesh
 from capture_eval.interpolation.method import InterpolationMethod
 from capture_eval.interpolation.methods import create_methods
 from capture_eval.polygon_mesh import PolygonMesh
-from capture_eval.report.pair_verdicts import pair_table
-from capture_eval.report.tables import errors_csv, lme_lae_table, per_curve_table, to_csv, to_latex, to_markdown
+from capture_eval.report.tables import errors_csv
+from capture_eval.stages.evaluation_files import save_curves, save_tables
 from capture_eval.triangle_geometry import diameter
 
 logger = logging.getLogger("capture_eval.evaluate")
@@ -66,10 +66,14 @@ class _Poses:
     confidence: Floats | None = None
     seen: Booleans | None = None
 
-    def with_vertices(self, vertices: Floats) -> _Poses:
-        """The same poses with other positions; failed poses stay NaN."""
-        kept = np.where(self.ok[:, None, None], vertices, np.nan)
-        return _Poses(self.t, kept, self.ok, self.confidence, self.seen)
+    def taking_over(self, vertices: Floats) -> _Poses:
+        """The same poses with other positions, of which those of failed poses become NaN in place: no copy is made."""
+        vertices[~self.ok] = np.nan
+        return replace(self, vertices=vertices)
+
+    def without_vertices(self) -> _Poses:
+        """What is known of the poses besides their positions, which may fill gigabytes."""
+        return replace(self, vertices=np.empty((len(self.t), 0, 3)))
 
 
 def evaluate_capture(
@@ -106,11 +110,13 @@ def evaluate_capture(
     mesh = _template_of(template, poses)
     found = _resolve(curves, mesh)
     counted = _counted_vertices(poses, options)
+    created = create_methods(methods)
+    extracted, size = _extract_and_save(poses, mesh, found, counted, Path(report))
+    poses = poses.without_vertices()
     photos = _count_photos(Path(work))
-    saved = _evaluate_and_save(
-        poses, mesh, found, methods, counted, options.evaluation_vertices, Path(report), options.fit, photos
+    return _evaluate_and_save(
+        poses, extracted, size, created, counted, options.evaluation_vertices, Path(report), options.fit, photos
     )
-    return saved
 
 
 def evaluate_meshes(
@@ -141,8 +147,9 @@ def evaluate_meshes(
     """
     check_pose_times(t, len(meshes))
     neutral = read_mesh(meshes[0])
-    positions = [neutral.vertices]
-    for path in meshes[1:]:
+    positions = np.empty((len(meshes), *neutral.vertices.shape))
+    positions[0] = neutral.vertices
+    for number, path in enumerate(meshes[1:], start=1):
         mesh = read_mesh(path)
         if len(mesh.vertices) != len(neutral.vertices):
             raise InputError(f"{path}: {len(mesh.vertices)} vertices, but {meshes[0]} has {len(neutral.vertices)}")
@@ -151,11 +158,15 @@ def evaluate_meshes(
             and np.array_equal(mesh.face_vertices, neutral.face_vertices)
         ):
             raise InputError(f"{path}: its faces differ from those of {meshes[0]}; all poses need one topology")
-        positions.append(mesh.vertices)
-    poses = _Poses(np.asarray(t, dtype=np.float64), np.stack(positions), np.ones(len(meshes), dtype=bool))
+        positions[number] = mesh.vertices
+    poses = _Poses(np.asarray(t, dtype=np.float64), positions, np.ones(len(meshes), dtype=bool))
     counted = np.ones(len(neutral.vertices), dtype=bool)
+    created = create_methods(methods)
+    extracted, size = _extract_and_save(poses, neutral, _resolve(curves, neutral), counted, Path(report))
+    del positions
+    poses = poses.without_vertices()
     fit = (options or EvaluateOptions()).fit
-    return _evaluate_and_save(poses, neutral, _resolve(curves, neutral), methods, counted, "all", Path(report), fit)
+    return _evaluate_and_save(poses, extracted, size, created, counted, "all", Path(report), fit)
 
 
 def evaluate_truth(
@@ -184,17 +195,14 @@ def evaluate_truth(
         Files that are missing or do not fit one another.
     """
     poses = _read_registered(Path(work) / "register" / "registered.npz")
-    truth_path = Path(work) / "register" / "tracked_truth.npz"
-    truth = read_npz(truth_path).get("vertices")
-    if truth is None or truth.shape != poses.vertices.shape:
-        shape = "no array 'vertices'" if truth is None else f"vertices {truth.shape}"
-        raise InputError(f"{truth_path}: {shape}, expected {poses.vertices.shape} as in registered.npz")
-    mesh = _template_of(template, poses)
-    found = _resolve(curves, mesh)
+    found = _resolve(curves, _template_of(template, poses))
     counted = _counted_vertices(poses, options)
     created = create_methods(methods)
-    from_photos, _, _ = _evaluate(poses, found, created, counted)
-    from_truth, _, true_diameter = _evaluate(poses.with_vertices(np.asarray(truth)), found, created, counted)
+    extracted, size = _extract(poses, found)
+    from_photos = evaluate_curves(extracted, poses.t, created, size, counted)
+    shape, poses = poses.vertices.shape, poses.without_vertices()  # before as many true ones are read
+    true_curves, true_diameter = _extract(_read_truth(Path(work), poses, shape), found)
+    from_truth = evaluate_curves(true_curves, poses.t, created, true_diameter, counted)
     comparison = {
         "schema": "capture_eval.truth_comparison/1",
         "D_truth": true_diameter,
@@ -205,16 +213,27 @@ def evaluate_truth(
     return comparison
 
 
+def _read_truth(work: Path, poses: _Poses, shape: tuple[int, ...]) -> _Poses:
+    """The poses with the true positions of their points."""
+    path = work / "register" / "tracked_truth.npz"
+    truth = read_npz(path).get("vertices")
+    if truth is None or truth.shape != shape:
+        found = "no array 'vertices'" if truth is None else f"vertices {truth.shape}"
+        raise InputError(f"{path}: {found}, expected {shape} as in registered.npz")
+    return poses.taking_over(np.asarray(truth, dtype=np.float64))
+
+
 def _read_registered(path: Path) -> _Poses:
     arrays = read_npz(path)
     missing = [name for name in ("t", "vertices") if name not in arrays]
     if missing:
         raise InputError(f"{path}: no array {', '.join(missing)}")
-    t, vertices = np.asarray(arrays["t"], dtype=np.float64), np.asarray(arrays["vertices"], dtype=np.float64)
+    t, vertices = np.asarray(arrays["t"], dtype=np.float64), np.asarray(arrays.pop("vertices"), dtype=np.float64)
     if vertices.ndim != 3 or vertices.shape[2] != 3:
         raise InputError(f"{path}: vertices have shape {vertices.shape}, expected (poses, vertices, 3)")
     t = check_pose_times(t, len(vertices))
-    ok = np.asarray(arrays.get("pose_ok", np.ones(len(t))), dtype=bool) & np.isfinite(vertices).all(axis=(1, 2))
+    finite = [bool(np.isfinite(positions).all()) for positions in vertices]  # pose by pose needs less memory
+    ok = np.asarray(arrays.get("pose_ok", np.ones(len(t))), dtype=bool) & finite
     confidence, seen = arrays.get("confidence"), arrays.get("seen")
     for name, values in (("confidence", confidence), ("seen", seen)):
         if values is not None and values.shape != vertices.shape[:2]:
@@ -222,7 +241,7 @@ def _read_registered(path: Path) -> _Poses:
     if not ok[0]:
         raise InputError(f"{path}: the neutral pose (t = 0) was not registered, so nothing can be evaluated")
     poses = _Poses(t, vertices, ok, confidence, None if seen is None else seen.astype(bool))
-    return poses.with_vertices(vertices)
+    return poses.taking_over(vertices)
 
 
 def _template_of(template: Path, poses: _Poses) -> PolygonMesh:
@@ -256,39 +275,45 @@ def _counted_vertices(poses: _Poses, options: EvaluateOptions) -> Booleans:
     if options.evaluation_vertices == "confident":
         if poses.confidence is None:
             raise InputError("registered.npz has no array 'confidence'; use evaluation_vertices: all")
-        confident = np.nan_to_num(poses.confidence[poses.ok]) >= options.confidence_threshold
-        return np.asarray(confident.all(axis=0))
+        confident = everything
+        for pose in np.flatnonzero(poses.ok):
+            confident &= np.nan_to_num(poses.confidence[pose]) >= options.confidence_threshold
+        return confident
     raise InputError(f"evaluation_vertices is '{options.evaluation_vertices}'; known are confident, seen, all")
 
 
-def _evaluate(
-    poses: _Poses, curves: Sequence[Curve], methods: Mapping[str, InterpolationMethod], counted: Booleans
-) -> tuple[Evaluation, CurveSet, float]:
-    extracted = extract_curves(curves, poses.vertices)
-    size = diameter(poses.vertices[0])
-    return evaluate_curves(extracted, poses.t, methods, size, counted), extracted, size
+def _extract(poses: _Poses, curves: Sequence[Curve]) -> tuple[CurveSet, float]:
+    """Copies of the curves' positions, and D."""
+    return extract_curves(curves, poses.vertices), diameter(poses.vertices[0])
+
+
+def _extract_and_save(
+    poses: _Poses, mesh: PolygonMesh, curves: Sequence[Curve], counted: Booleans, report: Path
+) -> tuple[CurveSet, float]:
+    """The curves and D; the poses are saved now, so that their positions need not be kept."""
+    found = _extract(poses, curves)
+    _save_poses(report / "registered.npz", poses, mesh, counted)
+    return found
 
 
 def _evaluate_and_save(
     poses: _Poses,
-    mesh: PolygonMesh,
-    curves: Sequence[Curve],
-    methods: MethodEntries,
+    extracted: CurveSet,
+    size: float,
+    created: Mapping[str, InterpolationMethod],
     counted: Booleans,
     which: str,
     report: Path,
     fit: str,
     photos: Mapping[str, int | None] | None = None,
 ) -> dict[str, Any]:
-    created = create_methods(methods)
-    evaluation, extracted, size = _evaluate(poses, curves, created, counted)
+    evaluation = evaluate_curves(extracted, poses.t, created, size, counted)
     summary = summarise(evaluation, extracted, created, size, poses.ok, which)
     summary["fit"] = _fit(extracted, poses, size, evaluation, fit)
     summary["counts"] |= photos or {"photos": None, "photos_registered": None}
     _log(summary)
-    _save_poses(report / "registered.npz", poses, mesh, counted)
-    _save_curves(report / "curves.npz", poses, extracted, evaluation)
-    _save_tables(report, summary, evaluation.table)
+    save_curves(report / "curves.npz", poses.t, extracted, evaluation)
+    save_tables(report, summary, evaluation.table)
     write_text(report / "errors.csv", errors_csv(evaluation.table.rows()))
     write_json(report / "summary.json", summary)
     return summary
@@ -348,30 +373,3 @@ def _save_poses(path: Path, poses: _Poses, mesh: PolygonMesh, counted: Booleans)
     if poses.seen is not None:
         arrays["seen"] = poses.seen
     write_npz(path, arrays)
-
-
-def _save_curves(path: Path, poses: _Poses, curves: CurveSet, evaluation: Evaluation) -> None:
-    """All curves one after the other: curve n owns the points ``offsets[n]:offsets[n + 1]``."""
-    sizes = [len(curve.vertices) for curve in curves.curves]
-    arrays: dict[str, NDArray[Any]] = {
-        "names": np.array([curve.name for curve in curves.curves]),
-        "methods": np.array(evaluation.table.methods),
-        "closed": np.array([curve.closed for curve in curves.curves]),
-        "offsets": np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
-        "vertices": np.concatenate([curve.vertices for curve in curves.curves]),
-        "used": np.concatenate(evaluation.counted),
-        "t": poses.t,
-        "truth": np.concatenate(curves.positions, axis=1),
-    }
-    for name, predicted in evaluation.predictions.items():
-        arrays[f"prediction/{name}"] = np.concatenate(predicted, axis=1)
-    write_npz(path, arrays)
-
-
-def _save_tables(report: Path, summary: Mapping[str, Any], table: ErrorTable) -> None:
-    per_curve = per_curve_table(table.curves, table.methods, table.n_points, table.average, table.maximum)
-    pairs = pair_table(summary["statistics"], {name: row["title"] for name, row in summary["methods"].items()})
-    tables = {"table_lme_lae": lme_lae_table(summary), "table_per_curve": per_curve, "table_pairs": pairs}
-    for name, content in tables.items():
-        for ending, write in (("csv", to_csv), ("md", to_markdown), ("tex", to_latex)):
-            write_text(report / f"{name}.{ending}", write(content))
