@@ -1,16 +1,26 @@
 """Time of the evaluation: 49 curves × 9 in-between poses × every method, after imports.
 
-    python benchmarks/interpolation.py
+    python benchmarks/interpolation.py [--large [FOLDER]]
 
 Curves are closed and open ones with the sizes of a face (12 to 125 points), moving on arcs; the peer in the same run
 is a bare numpy loop over the same curves that only blends linearly and takes norms. CPU seconds, medians of 9.
+With --large instead: the whole evaluation stage, from file to files, on 1,000 poses of 100,085 vertices, and the most
+memory it held (minutes; 9 GB of disk in FOLDER or the system's folder for temporary files).
 """
 
 from __future__ import annotations
 
+import argparse
+import os
+import resource
 import statistics
+import subprocess
+import sys
+import tempfile
 import time
+import zipfile
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 
@@ -32,6 +42,8 @@ METHODS = [
     ("power", {"exponent": 1.6}),
     ("beta", {}),
     ("monotone", {"times": [0.3, 0.7], "shares": [0.1, 0.8]}),
+    ("catmull_rom", {"times": [0.5]}),
+    ("b_spline", {"times": [0.5]}),
     ("pde_surface", {"harmonics": 12}),
 ]
 
@@ -76,8 +88,81 @@ def bare_linear(curves: CurveSet, t: np.ndarray) -> None:
         errors.max(axis=1)
 
 
+def large_capture(folder: Path, poses: int = 1000, rings: int = 541, around: int = 185) -> None:
+    """A tube as a registered capture: mesh, 49 curves (33 rings, 16 lines along it), positions and confidence."""
+    from capture_eval.files.mesh_files import write_mesh
+    from capture_eval.polygon_mesh import PolygonMesh
+
+    index = np.arange(rings * around).reshape(rings, around)
+    beside = np.roll(index, -1, axis=1)
+    quads = np.stack([index[:-1], beside[:-1], beside[1:], index[1:]], axis=-1).reshape(-1, 4)
+    angle, height = np.meshgrid(2 * np.pi * np.arange(around) / around, np.linspace(0, 3, rings))
+    start = np.stack([np.cos(angle), np.sin(angle), height], axis=-1).reshape(-1, 3)
+    write_mesh(folder / "template.obj", PolygonMesh.from_faces(start, quads))
+    closed = {f"ring {n}": index[10 * n + 5] for n in range(33)}
+    along = {f"line {n}": index[:around, 11 * n] for n in range(16)}
+    rows = [
+        f"- {{name: {name}, vertices: {vertices.tolist()}, closed: {str(name in closed).lower()}}}"
+        for name, vertices in (closed | along).items()
+    ]
+    (folder / "curves.yaml").write_text("curves:\n" + "\n".join(rows) + "\n", encoding="utf-8")
+    t, step = np.linspace(0, 1, poses), np.random.default_rng(0).normal(size=start.shape)
+    (folder / "work" / "register").mkdir(parents=True)
+    with zipfile.ZipFile(folder / "work" / "register" / "registered.npz", "w") as archive:
+        for name, shape, make in (
+            ("t", (poses,), lambda moment: np.array(moment)),
+            ("vertices", (poses, *start.shape), lambda moment: (start + moment**2 * step).astype(np.float32)),
+            ("confidence", (poses, len(start)), lambda moment: np.full(len(start), 0.5 + moment / 2)),
+        ):
+            header = {"descr": "<f8", "fortran_order": False, "shape": shape}
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as stream:
+                np.lib.format.write_array_header_1_0(stream, header)
+                for moment in t.tolist():
+                    stream.write(make(moment).astype("<f8").tobytes())
+
+
+def evaluate_large(folder: Path) -> None:
+    """What `large` measures, in a process of its own."""
+    from capture_eval.interpolation.methods import PAPER_METHODS
+    from capture_eval.stages.evaluate import EvaluateOptions, evaluate_capture
+
+    begin, wall = time.process_time(), time.perf_counter()
+    methods = [(name, {}) for name in PAPER_METHODS]
+    files = (folder / "work", folder / "template.obj", folder / "curves.yaml")
+    summary = evaluate_capture(*files, methods, folder / "report", EvaluateOptions())
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
+    written = sum(path.stat().st_size for path in (folder / "report").iterdir()) / 1e9
+    points = summary["counts"]["points_used"]
+    print(
+        f"whole stage, {points} points on 49 curves, four methods: at most {most:.2f} GB held, "
+        f"{time.process_time() - begin:.0f} CPU s ({time.perf_counter() - wall:.0f} s), {written:.2f} GB written"
+    )
+
+
+def large(parent: str | None) -> None:
+    """Memory and time of the whole stage on a large capture."""
+    with tempfile.TemporaryDirectory(dir=parent) as folder:
+        large_capture(Path(folder))
+        command = [sys.executable, __file__, "--child", folder]
+        subprocess.run(command, check=True, env=os.environ | {"PYTHONWARNINGS": "error"})
+
+
 def main() -> None:
     """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--large", nargs="?", const="", default=None, metavar="FOLDER")
+    parser.add_argument("--child", type=Path, default=None, help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.child is not None:
+        evaluate_large(arguments.child)
+    elif arguments.large is not None:
+        large(arguments.large or None)
+    else:
+        small()
+
+
+def small() -> None:
+    """Table of 49 curves and 9 in-between poses."""
     t = np.linspace(0, 1, 11)
     curves = face_curves(11)
     peer = cpu_seconds(lambda: bare_linear(curves, t))
