@@ -24,7 +24,15 @@ from capture_eval.editing.blend_weights import (
     proximity_penalties,
     weight_energy,
 )
-from capture_eval.editing.coherency import coherency_columns, example_motion, influence_maps, soft_regions
+from capture_eval.editing.coherency import (
+    blend,
+    coherency_columns,
+    coherency_of,
+    coherent_motion,
+    example_motion,
+    influence_maps,
+    soft_regions,
+)
 from capture_eval.editing.control_targets import ControlPoint, gather_targets
 from capture_eval.editing.example_blending import blend_whole_face
 from capture_eval.editing.expression_editor import Edit, EditOptions, ExpressionEditor
@@ -211,6 +219,30 @@ def test_coherency_is_equations_7_and_8() -> None:
     assert columns[3, 0] == pytest.approx(1.0, abs=1e-12)
     assert columns.min() >= 0.0
     assert columns.max() <= 1.0
+
+
+@pytest.mark.parametrize(("expressions", "sharpness"), [(1, 1.0), (7, 2.0), (8, 2.5), (19, 2.0)])
+def test_one_pass_is_the_formulas_one_after_the_other(expressions: int, sharpness: float) -> None:
+    random = np.random.default_rng(expressions)
+    examples = np.tile(random.normal(size=(1, 130, 3)), (expressions + 1, 1, 1))  # more than two blocks of vertices
+    moves = random.integers(0, 2, size=(expressions, 130, 1))
+    examples[1:] += random.normal(size=(expressions, 130, 3)) * moves
+    motion, controls = example_motion(examples), np.array([129, 3, 17])
+    weights = random.normal(size=(3, expressions))
+    coherency = np.stack([_coherency_by_the_formula(examples, control) for control in controls], axis=1)
+    powers = coherency**sharpness
+    shares = powers / powers.sum(axis=1, keepdims=True)
+    moved = np.einsum("nl,lm,mni->ni", shares, weights, examples[1:] - examples[0])
+    known = {3: coherency[:, 1]}
+    for result in (
+        coherent_motion(motion, controls, weights, sharpness),
+        coherent_motion(motion, controls, weights, sharpness, known=known),
+    ):
+        for found, expected in zip(result, (coherency, shares, moved), strict=True):
+            np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11)  # sums of tens of numbers of about 1
+    np.testing.assert_allclose(blend(motion, shares, weights), moved, rtol=0, atol=1e-11)
+    rows = coherency_columns(motion, controls.tolist())[controls]
+    np.testing.assert_allclose(coherency_of(motion, controls, controls), rows, rtol=0, atol=1e-15)
 
 
 def test_shares_sum_to_one_and_a_vertex_coherent_with_none_stays() -> None:

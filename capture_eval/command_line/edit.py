@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from capture_eval.editing.control_targets import ControlPoint
 
 
 def edit(
@@ -45,33 +48,40 @@ def edit(
     from dataclasses import replace
 
     from capture_eval.editing.blend_weights import Balance
-    from capture_eval.editing.control_targets import ControlPoint
     from capture_eval.editing.expression_editor import EditOptions
     from capture_eval.errors import InputError
     from capture_eval.stages.edit import DragRequest, edit_expression, read_view
 
-    controls = []
-    for text in control or []:
-        vertex, colon, target = text.partition(":")
-        if not colon or not vertex.strip().isdigit():
-            raise InputError(f"--control {text}: expected VERTEX:x,y or VERTEX:x,y,z")
-        controls.append(ControlPoint(int(vertex), _numbers(target, f"--control {text}", (2, 3))))
-    drags = []
-    for text in drag or []:
-        start, _, end = text.partition(":")
-        first, last = (_numbers(part, f"--drag {text}", (2,)) for part in (start, end))
-        drags.append(((first[0], first[1]), (last[0], last[1])))
+    controls, drags = tuple(map(_control, control or [])), tuple(map(_drag, drag or []))
     if not controls and not drags:
         raise InputError("nothing is dragged: give --control VERTEX:x,y or --drag x,y:x,y")
     options = replace(EditOptions.printed() if printed else EditOptions(), balance=Balance(proximity=theta2))
     seen = None if camera is None else read_view(camera, view)
-    request = DragRequest(tuple(controls), tuple(drags), seen, onto, pairs, options)
+    request = DragRequest(controls, drags, seen, onto, pairs, options)
     result = edit_expression(examples, out, request, template, picture)
     for row, point in enumerate(result.controls):
         unit = "px" if len(point.target) == 2 else "of the mesh's unit"
         far = "; the drag was farther than the examples reach, and was shortened" if result.limited[row] else ""
         print(f"vertex {point.vertex}: {result.misses[row]:.4g} {unit} from its target{far}")
     print(f"face in {out}" + (f", picture in {picture}" if picture else ""))
+
+
+def _control(text: str) -> ControlPoint:
+    """``VERTEX:x,y`` or ``VERTEX:x,y,z``."""
+    from capture_eval.editing.control_targets import ControlPoint
+    from capture_eval.errors import InputError
+
+    vertex, colon, target = text.partition(":")
+    if not colon or not vertex.strip().isdigit():
+        raise InputError(f"--control {text}: expected VERTEX:x,y or VERTEX:x,y,z")
+    return ControlPoint(int(vertex), _numbers(target, f"--control {text}", (2, 3)))
+
+
+def _drag(text: str) -> tuple[tuple[float, float], tuple[float, float]]:
+    """``x,y:x,y``."""
+    start, _, end = text.partition(":")
+    first, last = (_numbers(part, f"--drag {text}", (2,)) for part in (start, end))
+    return (first[0], first[1]), (last[0], last[1])
 
 
 def _numbers(text: str, where: str, counts: tuple[int, ...]) -> tuple[float, ...]:

@@ -19,8 +19,8 @@ from capture_eval.editing.blend_weights import (
 from capture_eval.editing.coherency import (
     STILL,
     ExampleMotion,
-    blend,
-    coherency_columns,
+    coherency_of,
+    coherent_motion,
     example_motion,
     influence_maps,
 )
@@ -232,14 +232,14 @@ class ExpressionEditor:
         targets, limited = asked, np.zeros(len(chosen), dtype=np.bool_)
         if options.reach is not None:
             targets, limited = asked.limited(system.rest, system.examples, options.reach)
-        coherency = self._coherency(vertices, previous)
-        influence = influence_maps(coherency, options.sharpness)
+        known = self._known_columns(vertices, previous)
         if options.coupled:
-            weights = coupled_weights(system, targets, options.balance, influence[vertices])
+            shares = influence_maps(self._own_coherency(vertices, known), options.sharpness)
+            weights = coupled_weights(system, targets, options.balance, shares)
         else:
             usable = previous if previous is not None and self._same_setting(previous, projection, carrier) else None
             weights = self._weights(chosen, system, targets, usable)
-        moved = self._blend(influence, weights)
+        coherency, influence, moved = self._blend(vertices, weights, known)
         reached = moved[vertices]
         if carrier is not None:
             own = (reached - self.motion.neutral[vertices])[..., None]
@@ -292,25 +292,33 @@ class ExpressionEditor:
             weights[fresh] = control_weights(system.select(fresh), targets.select(fresh), self.options.balance)
         return weights
 
-    def _coherency(self, vertices: NDArray[np.int64], previous: Edit | None) -> Floats:
-        """Columns (N, L); only those of vertices that are new are computed."""
-        known: dict[int, Floats] = {}
-        if previous is not None and previous.options.still == self.options.still:
-            known = {c.vertex: previous.coherency[:, k] for k, c in enumerate(previous.controls)}
-        fresh = [int(vertex) for vertex in vertices if int(vertex) not in known]
-        if fresh:
-            columns = coherency_columns(self.motion, fresh, self.options.still)
-            known |= {vertex: columns[:, k] for k, vertex in enumerate(fresh)}
-        return np.stack([known[int(vertex)] for vertex in vertices], axis=1)
+    def _known_columns(self, vertices: NDArray[np.int64], previous: Edit | None) -> dict[int, Floats]:
+        """Coherency (N,) of control vertices that need not be computed."""
+        del vertices
+        if previous is None or previous.options.still != self.options.still:
+            return {}
+        return {control.vertex: previous.coherency[:, k] for k, control in enumerate(previous.controls)}
 
-    def _blend(self, influence: Floats, weights: Floats) -> Floats:
+    def _own_coherency(self, vertices: NDArray[np.int64], known: dict[int, Floats]) -> Floats:
+        """Coherency (L, L) of the control points with each other."""
+        if all(int(vertex) in known for vertex in vertices):
+            return np.stack([known[int(vertex)][vertices] for vertex in vertices], axis=1)
+        return coherency_of(self.motion, vertices, vertices, self.options.still)
+
+    def _blend(
+        self, vertices: NDArray[np.int64], weights: Floats, known: dict[int, Floats]
+    ) -> tuple[Floats, Floats, Floats]:
+        """Coherency and influence (N, L) and the new face (N, 3); only columns of new vertices are computed."""
+        free = weights if self.options.invariant else weights[:, 1:]
+        sharpness, still = self.options.sharpness, self.options.still
+        coherency, influence, moved = coherent_motion(self.motion, vertices, free, sharpness, still, known)
         neutral = self.motion.neutral
         if self.options.invariant:
-            return np.asarray(neutral + blend(self.motion, influence, weights), dtype=np.float64)
+            return coherency, influence, neutral + moved
         total = influence @ weights.sum(axis=1)
         coherent = influence.sum(axis=1) > 0  # 0/0 of Eq 10: such a vertex keeps its neutral position
         scale = np.where(coherent, total, 1.0)[:, None]
-        return np.asarray(scale * neutral + blend(self.motion, influence, weights[:, 1:]), dtype=np.float64)
+        return coherency, influence, scale * neutral + moved
 
 
 def _check_carrier(carrier: MotionCarrier | None, count: int) -> None:

@@ -33,6 +33,7 @@ class RadialInfluenceEditor(ExpressionEditor):
     def __init__(self, examples: Floats, options: EditOptions | None = None) -> None:
         super().__init__(examples, replace(options or EditOptions(), sharpness=1.0))
 
-    def _coherency(self, vertices: NDArray[np.int64], previous: Edit | None) -> Floats:
+    def _known_columns(self, vertices: NDArray[np.int64], previous: Edit | None) -> dict[int, Floats]:
         del previous  # radii change with the set of control points
-        return radial_functions(self.motion.neutral, vertices)
+        columns = radial_functions(self.motion.neutral, vertices)
+        return {int(vertex): columns[:, column] for column, vertex in enumerate(vertices)}
