@@ -21,7 +21,12 @@ from capture_eval.registration.mesh_operators import build_mesh_operators
 from capture_eval.registration.nonrigid_icp import Landmarks, NonrigidIcpOptions, fit_template
 from capture_eval.registration.pose_tracking import TrackingOptions, anchor_constraints, track_pose
 from capture_eval.registration.surface_correspondence import Surface, barycentric_of
-from capture_eval.registration.template_visibility import skin_vertices, sphere_directions
+from capture_eval.registration.template_visibility import (
+    scan_trust,
+    skin_vertices,
+    sphere_directions,
+    visible_direction_share,
+)
 from capture_eval.registration.vertex_confidence import ConfidenceOptions, vertex_areas, vertex_quality
 
 Floats = NDArray[np.float64]
@@ -202,6 +207,39 @@ def test_the_inside_of_a_ball_is_no_skin() -> None:
     assert skin[: len(outer)].all()
     assert not skin[len(outer) :].any()
     np.testing.assert_allclose(sphere_directions(500).mean(axis=0), 0.0, atol=5e-3)
+
+
+def test_a_scan_is_believed_on_open_skin_and_not_in_a_pit() -> None:
+    vertices, triangles = _ball(40, 72)
+    front = vertices[:, 2] / 150.0 > np.cos(0.35)
+    pitted = vertices.copy()
+    pitted[front, 2] -= 120.0  # a pit 120 deep and 103 wide
+    trust = scan_trust(visible_direction_share(pitted, triangles))
+    bottom = vertices[:, 2] / 150.0 > np.cos(0.2)
+    away = vertices[:, 2] < 0.0
+    # A convex point is seen from half of all directions, the bottom of the pit from less than a tenth.
+    assert np.all(trust[bottom] == 0.0)
+    assert np.all(trust[away] == 1.0)
+    np.testing.assert_allclose(scan_trust(np.array([0.0, 0.18, 0.265, 0.35, 0.5])), [0, 0, 0.5, 1, 1], atol=1e-12)
+
+
+def test_skin_that_no_scan_is_believed_at_keeps_the_shape_of_the_template() -> None:
+    template, triangles = _ball(20, 36)
+    target, scan_triangles = _ball(40, 72)
+    target = target * 1.04
+    crust = target[:, 2] > 130.0
+    target[crust, 2] += 6.0  # what a scan puts over a nostril
+    marked = np.flatnonzero(template[:, 2] < 100.0)[::29]
+    landmarks = Landmarks(marked, 1.04 * template[marked], np.ones(len(marked)))
+    skin = np.ones(len(template), dtype=np.bool_)
+    covered = template[:, 2] > 125.0
+    scan, options = Surface(target, scan_triangles), NonrigidIcpOptions()
+    believed = fit_template(template, triangles, skin, scan, landmarks, options).vertices
+    doubted = fit_template(template, triangles, skin, scan, landmarks, options, np.where(covered, 0.0, 1.0)).vertices
+    centre = np.argmax(template[:, 2])
+    assert np.linalg.norm(believed[centre]) > 156.0 + 4.0
+    # The shape carries on over a cap of radius 0.56: half a unit of 156 is what the stiffness lets go.
+    assert np.linalg.norm(doubted[centre]) < 156.0 + 1.0
 
 
 def test_anchors_move_unmeasured_skin_with_its_neighbours() -> None:

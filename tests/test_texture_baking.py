@@ -7,7 +7,7 @@ import textured_sphere
 from capture_eval.errors import InputError
 from capture_eval.registration.photo_visibility import count_seen, depth_image, vertex_cosines
 from capture_eval.registration.texture_atlas import rasterise_atlas, texel_positions
-from capture_eval.registration.texture_baking import BakingOptions, bake_texture
+from capture_eval.registration.texture_baking import BakedTexture, BakingOptions, bake_texture, resized_texture
 
 
 @pytest.fixture(scope="module")
@@ -83,3 +83,14 @@ def test_photos_that_do_not_fit_are_refused(scene: tuple) -> None:
         bake_texture(vertices, triangles, atlas, views, photos[:5])
     with pytest.raises(InputError, match="view_00"):
         bake_texture(vertices, triangles, atlas, views, [p[:-1] for p in photos])
+
+
+def test_a_resized_texture_averages_what_is_known() -> None:
+    image = np.zeros((4, 4), dtype=np.float32)
+    mask = np.zeros((4, 4), dtype=np.bool_)
+    image[:2, :2], mask[:2, :2] = [[1, 2], [3, 6]], True
+    image[2, 0], mask[2, 0] = 9.0, True  # one of four texels known: too few
+    half = resized_texture(BakedTexture(image, mask.astype(np.float32), mask), 2)
+    np.testing.assert_array_equal(half.mask, [[True, False], [False, False]])
+    np.testing.assert_allclose(half.image, [[3.0, 0.0], [0.0, 0.0]], atol=1e-6)  # single precision
+    np.testing.assert_allclose(half.weight, [[1.0, 0.0], [0.25, 0.0]], atol=1e-6)

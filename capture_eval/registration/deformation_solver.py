@@ -118,14 +118,22 @@ class DeformationSolver:
         Of the rest shape.
     stiffness : (V,) float64, optional
         Factor of both regularisers per vertex; small for hidden vertices, so that they tie nothing together.
+    scan_trust : (V,) float64, optional
+        How far a scan is believed at each vertex; who makes constraints from a scan weighs them with it.
     """
 
-    def __init__(self, operators: MeshOperators, stiffness: Floats | None = None) -> None:
+    def __init__(
+        self, operators: MeshOperators, stiffness: Floats | None = None, scan_trust: Floats | None = None
+    ) -> None:
         count = len(operators.vertices)
         factor = np.ones(count) if stiffness is None else np.asarray(stiffness, dtype=np.float64)
         if factor.shape != (count,) or np.any(factor <= 0):
             raise InputError(f"solver: stiffness {factor.shape} must be positive, one per vertex ({count})")
+        trust = np.ones(count) if scan_trust is None else np.asarray(scan_trust, dtype=np.float64)
+        if trust.shape != (count,) or np.any(trust < 0):
+            raise InputError(f"solver: scan trust {trust.shape} must not be negative, one per vertex ({count})")
         self.operators = operators
+        self.scan_trust = trust
         self._rest_laplacian = operators.laplacian @ operators.vertices
         self._weighted_laplacian = sparse.csr_matrix(operators.laplacian.T @ sparse.diags(factor))
         self._bending = sparse.csr_matrix(self._weighted_laplacian @ operators.laplacian)

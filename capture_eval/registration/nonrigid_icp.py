@@ -91,6 +91,7 @@ def fit_template(
     scan: Surface,
     landmarks: Landmarks,
     options: NonrigidIcpOptions,
+    scan_trust: Floats | None = None,
 ) -> TemplateFit:
     """Deform a template until it lies on a scan.
 
@@ -103,6 +104,8 @@ def fit_template(
         Vertices that may meet the scan at all.
     scan : Surface
         In the same frame.
+    scan_trust : (V,), optional
+        How far the scan is believed at each vertex.
 
     Raises
     ------
@@ -113,7 +116,7 @@ def fit_template(
     """
     if skin.shape != (len(vertices),):
         raise InputError(f"non-rigid ICP: skin {skin.shape} for {len(vertices)} vertices")
-    solver = DeformationSolver(build_mesh_operators(vertices, triangles), hidden_stiffness(skin))
+    solver = DeformationSolver(build_mesh_operators(vertices, triangles), hidden_stiffness(skin), scan_trust)
     positions = _warp_to_landmarks(solver, vertices, landmarks, options)
     steps = len(options.stiffness)
     edge_stiffness = np.geomspace(*options.edge_stiffness, steps)
@@ -123,7 +126,14 @@ def fit_template(
     matched = np.zeros(len(vertices), dtype=np.bool_)
     for step in range(steps):
         planes, pulls = closest_point_constraints(
-            positions, triangles, skin, scan, float(limits[step]), float(cosines[step]), options.point_weight
+            positions,
+            triangles,
+            skin,
+            scan,
+            float(limits[step]),
+            float(cosines[step]),
+            options.point_weight,
+            solver.scan_trust,
         )
         matched[:] = False
         matched[planes.corners[:, 0]] = True

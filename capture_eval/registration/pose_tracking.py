@@ -123,7 +123,13 @@ def track_pose(
             constraints.append(match_constraints(chain.select(chain_good), positions, triangles, weight, scale))
         if step >= options.surface_from:
             planes, _ = closest_point_constraints(
-                positions, triangles, skin, scan, float(limits[step]), options.normal_cosine
+                positions,
+                triangles,
+                skin,
+                scan,
+                float(limits[step]),
+                options.normal_cosine,
+                weight=solver.scan_trust,
             )
             constraints.append(planes)
         measured = measured_vertices(constraints, len(rest))

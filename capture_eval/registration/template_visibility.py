@@ -12,6 +12,9 @@ from capture_eval.triangle_geometry import diameter, vertex_normals
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+SKIN_SHARE = 0.02  # vertices seen from fewer of all directions are no skin
+SCAN_TRUST = (0.18, 0.35)  # open skin is seen from half of all directions, nostrils and folds from a fifth
+
 
 def sphere_directions(count: int) -> Floats:
     """Nearly even directions on the unit sphere (Fibonacci lattice), (count, 3)."""
@@ -58,7 +61,17 @@ def skin_vertices(
     vertices: Floats,
     triangles: Integers,
     occluders: tuple[Floats, Integers] | None = None,
-    minimum_share: float = 0.02,
+    minimum_share: float = SKIN_SHARE,
 ) -> NDArray[np.bool_]:
     """Vertices seen from more than the stated share of all directions, (V,) bool."""
     return visible_direction_share(vertices, triangles, occluders) > minimum_share
+
+
+def scan_trust(share: Floats, limits: tuple[float, float] = SCAN_TRUST) -> Floats:
+    """How far a scan is believed at each vertex, (V,) in [0, 1], by the share of directions that see the template.
+
+    A scan closes nostrils, the folds of the ears and the slits beside the eyes with a smooth skin. There the
+    template's own shape, carried on from the skin around, is nearer to the truth.
+    """
+    rise = np.clip((share - limits[0]) / (limits[1] - limits[0]), 0.0, 1.0)
+    return np.asarray(rise * rise * (3.0 - 2.0 * rise), dtype=np.float64)

@@ -115,6 +115,20 @@ def bake_texture(
     return _to_texture(atlas.size, flat, colour_sum, weight_sum, count >= options.minimum_views, options.colour)
 
 
+def resized_texture(texture: BakedTexture, size: int) -> BakedTexture:
+    """A grey texture at another size: averages of the known texels under each new one, known where most are."""
+    import cv2
+
+    def averaged(values: NDArray[np.float32]) -> NDArray[np.float32]:
+        return np.asarray(cv2.resize(values, (size, size), interpolation=cv2.INTER_AREA), dtype=np.float32)
+
+    share = averaged(texture.mask.astype(np.float32))
+    image = averaged(np.where(texture.mask, texture.image, np.float32(0.0)))
+    known = share > 0.5
+    image = np.where(known, image / np.maximum(share, np.float32(0.5)), np.float32(0.0))
+    return BakedTexture(image, averaged(texture.weight), known)
+
+
 def grey_photo(image: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Luminance (H, W) float32, 0..255."""
     if image.ndim == 2:

@@ -5,7 +5,7 @@ Lengths are in the frame in which the template is 300 units large.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,13 +21,15 @@ from capture_eval.registration.pose_tracking import (
 )
 from capture_eval.registration.surface_correspondence import Surface
 from capture_eval.registration.texture_atlas import TextureAtlas
-from capture_eval.registration.texture_baking import BakedTexture, bake_texture
+from capture_eval.registration.texture_baking import BakedTexture, bake_texture, resized_texture
 from capture_eval.registration.texture_flow import FlowConstraints, FlowOptions, texture_flow
 from capture_eval.registration.texture_stereo import OffsetConstraints, StereoOptions, texture_stereo
 from capture_eval.triangle_geometry import vertex_normals
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+SEARCH_FLOW = FlowOptions(consistency=2.0, minimum_correlation=0.5, refinement_sigma=4.0, border_margin=3.0, step=2)
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,13 @@ class RoundOptions:
 
     Parameters
     ----------
+    search_rounds : int
+        Rounds of flow alone, in the coarse atlas, that come first: where lifted matches are thin (under the chin)
+        the start is several texels off, more than the fine flow finds.
+    search : FlowOptions
+        Their flow, in texels of the coarse atlas.
+    search_flow_scale, search_scan_weight : float
+        What `flow_scale` and `scan_weight` are in those rounds.
     half_ranges : tuple of float
         Range of the stereo's offsets, one round each.
     stiffness, edge_stiffness : float
@@ -51,6 +60,10 @@ class RoundOptions:
         Texels.
     """
 
+    search_rounds: int = 2
+    search: FlowOptions = field(default_factory=lambda: SEARCH_FLOW)
+    search_flow_scale: float = 2.0
+    search_scan_weight: float = 0.3
     half_ranges: tuple[float, ...] = (1.5, 0.8)
     stiffness: float = 3.0
     edge_stiffness: float = 0.05
@@ -130,6 +143,8 @@ def refine_by_texture(
     positions = start
     flow_rows: SurfaceConstraints | None = None
     stereo_rows: SurfaceConstraints | None = None
+    if options.use_flow and neutral_texture is not None:
+        positions = _search(solver, positions, skin, photos, atlases.stereo, neutral_texture, scan, matches, options)
     for number, half_range in enumerate(options.half_ranges):
         if options.use_flow and neutral_texture is not None:
             texture = bake_texture(positions, triangles, atlases.flow, photos.views, photos.images)
@@ -151,6 +166,29 @@ def refine_by_texture(
             stereo_rows = offset_constraints(offsets, positions, triangles, skin)
         positions = _solve_round(solver, positions, skin, flow_rows, stereo_rows, scan, matches, options)
     return RefinedPose(positions, flow_rows, stereo_rows)
+
+
+def _search(
+    solver: DeformationSolver,
+    positions: Floats,
+    skin: NDArray[np.bool_],
+    photos: PhotoSet,
+    atlas: TextureAtlas,
+    neutral_texture: BakedTexture,
+    scan: Surface | None,
+    matches: MaterialMatches | None,
+    options: RoundOptions,
+) -> Floats:
+    """Rounds of coarse flow that bring the mesh near enough for the fine flow."""
+    triangles = solver.operators.triangles
+    coarse = resized_texture(neutral_texture, atlas.size)
+    wide = replace(options, flow_scale=options.search_flow_scale, scan_weight=options.search_scan_weight, solves=2)
+    for _ in range(options.search_rounds):
+        texture = bake_texture(positions, triangles, atlas, photos.views, photos.images)
+        flow = texture_flow(coarse, texture, atlas, positions, triangles, options.search)
+        rows = flow_constraints(flow, positions, triangles, skin)
+        positions = _solve_round(solver, positions, skin, rows, None, scan, matches, wide)
+    return positions
 
 
 def flow_constraints(
@@ -191,7 +229,7 @@ def _solve_round(
     measured = np.zeros(len(rest), dtype=np.bool_)
     if stereo is not None:
         measured = vertex_sums(stereo, len(rest)) > 1.0
-    scan_weight = np.where(measured, options.scan_weight_measured, options.scan_weight)
+    scan_weight = solver.scan_trust * np.where(measured, options.scan_weight_measured, options.scan_weight)
     for _ in range(options.solves):
         constraints: list[SurfaceConstraints] = []
         if flow is not None:

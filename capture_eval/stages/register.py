@@ -25,7 +25,7 @@ from capture_eval.registration.nonrigid_icp import (
 )
 from capture_eval.registration.photo_visibility import count_seen
 from capture_eval.registration.surface_correspondence import Surface
-from capture_eval.registration.template_visibility import skin_vertices
+from capture_eval.registration.template_visibility import SKIN_SHARE, scan_trust, visible_direction_share
 from capture_eval.registration.texture_baking import BakedTexture, bake_texture
 from capture_eval.registration.texture_rounds import PhotoSet, RefinedPose, refine_by_texture
 from capture_eval.registration.vertex_confidence import VertexQuality, vertex_quality
@@ -82,16 +82,18 @@ def register_neutral(
     scan = load_scan(work / neutral, working)
     rest = parts.working_from_head.apply(parts.mesh.vertices)
     blockers = _working_occluders(parts)
-    skin = skin_vertices(rest, parts.triangles, blockers)
+    share = visible_direction_share(rest, parts.triangles, blockers)
+    skin, trust = share > SKIN_SHARE, scan_trust(share)
     logger.info("register neutral: %d of %d vertices are skin", np.count_nonzero(skin), len(skin))
-    fit = fit_template(rest, parts.triangles, skin, scan, placed, options.neutral)
+    fit = fit_template(rest, parts.triangles, skin, scan, placed, options.neutral, trust)
     logger.info("register neutral: fitted, texture stereo follows")
     photos = straightened(load_photo_set(work / neutral, working), fit.vertices, parts, options)
-    refined, texture = _refine_neutral(parts, fit.vertices, skin, photos, scan, options)
+    refined, texture = _refine_neutral(parts, fit.vertices, skin, trust, photos, scan, options)
     quality = _quality(parts, refined, photos, scan, skin, options)
     write_npz(
         folder / "neutral.npz",
-        {"before_rounds": parts.unit * fit.vertices, "skin": skin} | _saved(parts, refined.vertices, quality),
+        {"before_rounds": parts.unit * fit.vertices, "skin": skin, "scan_trust": trust}
+        | _saved(parts, refined.vertices, quality),
     )
     write_npz(folder / "neutral_texture.npz", {"image": texture.image, "weight": texture.weight, "mask": texture.mask})
     report = {
@@ -126,11 +128,12 @@ def _refine_neutral(
     parts: Template,
     fitted: Floats,
     skin: NDArray[np.bool_],
+    trust: Floats,
     photos: PhotoSet,
     scan: Surface,
     options: RegisterOptions,
 ) -> tuple[RefinedPose, BakedTexture]:
-    solver = DeformationSolver(build_mesh_operators(fitted, parts.triangles), hidden_stiffness(skin))
+    solver = DeformationSolver(build_mesh_operators(fitted, parts.triangles), hidden_stiffness(skin), trust)
     atlases = parts.atlases(options.flow_texels, options.stereo_texels)
     refined = refine_by_texture(solver, fitted, skin, photos, atlases, None, scan, None, options.neutral_rounds)
     texture = bake_texture(refined.vertices, parts.triangles, atlases.flow, photos.views, photos.images)
@@ -156,6 +159,12 @@ def _quality(
         skin,
         options.confidence,
     )
+
+
+def _pose_solver(parts: Template, neutral: dict[str, NDArray[Any]]) -> DeformationSolver:
+    """Solver whose rest shape is the registered neutral, working frame."""
+    operators = build_mesh_operators(neutral["vertices"] / parts.unit, parts.triangles)
+    return DeformationSolver(operators, hidden_stiffness(neutral["skin"]), neutral["scan_trust"])
 
 
 def _saved(parts: Template, vertices: Floats, quality: VertexQuality) -> dict[str, NDArray[Any]]:
@@ -185,7 +194,7 @@ def track_poses(
     neutral = read_npz(folder / "neutral.npz")
     links = load_similarities(folder / "head_from_pose.npz")
     rest, skin = neutral["vertices"] / parts.unit, neutral["skin"]
-    solver = DeformationSolver(build_mesh_operators(rest, parts.triangles), hidden_stiffness(skin))
+    solver = _pose_solver(parts, neutral)
     first = links[pose_names[0]]
     if first is None:
         raise RegistrationError(f"{pose_names[0]}: the neutral pose is not aligned")
@@ -275,7 +284,7 @@ def _refined_arrays(
     working = parts.working_from_head.compose(link)
     skin = neutral["skin"]
     rest = neutral["vertices"] / parts.unit
-    solver = DeformationSolver(build_mesh_operators(rest, parts.triangles), hidden_stiffness(skin))
+    solver = _pose_solver(parts, neutral)
     saved = read_npz(folder / "neutral_texture.npz")
     texture = BakedTexture(saved["image"], saved["weight"], saved["mask"])
     raw = read_npz(work / pose_name / "matches.npz")
