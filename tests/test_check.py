@@ -48,6 +48,16 @@ def test_a_result_is_no_worse_than_itself() -> None:
     assert _bad(RECORD) == []
 
 
+def test_a_pose_that_became_doubtful_fails_and_one_that_always_was_does_not() -> None:
+    doubtful = replace(RECORD, doubts={"pose_01": "12 photos placed, 24 in the other poses"})
+    assert _bad(doubtful) == ["pose pose_01"]
+    assert _bad(doubtful, doubtful) == []
+    assert _bad(RECORD, doubtful) == []
+    assert record_from_plain(record_to_plain(doubtful), "baseline").doubts == doubtful.doubts
+    older = {key: value for key, value in record_to_plain(RECORD).items() if key != "doubts"}
+    assert record_from_plain(older, "baseline").doubts == {}
+
+
 @pytest.mark.parametrize(
     ("name", "value", "bad"),
     [

@@ -74,6 +74,7 @@ def _run(capture: Capture, out: Path, options: RunOptions) -> None:
     import sys
     import time
 
+    from capture_eval.stages.reliability import troubled_poses
     from capture_eval.workflow.progress import duration
     from capture_eval.workflow.runner import run as run_plan
 
@@ -92,6 +93,8 @@ def _run(capture: Capture, out: Path, options: RunOptions) -> None:
     except KeyboardInterrupt:
         print("interrupted; the same command goes on from here", file=sys.stderr)
         raise typer.Exit(INTERRUPTED) from None
+    for line in troubled_poses(out):
+        print(f"warning: {line}", file=sys.stderr)
     took = duration(time.monotonic() - started)
     if plan.until == "report":
         print(f"report: {out / 'report' / 'report.html'} ({took})")

@@ -58,6 +58,7 @@ class ResultRecord:
         Name of the capture.
     metrics : mapping of name to Metric
     poses : mapping of pose to whether it was registered
+    doubts : mapping of pose to why it should not be relied on; poses without doubts are not in it
     photos : mapping of pose to the number of photos that were used
     curves, methods : tuple of str
     inputs : mapping of relative path to SHA-256
@@ -72,6 +73,7 @@ class ResultRecord:
     methods: tuple[str, ...] = ()
     inputs: Mapping[str, str] = field(default_factory=dict)
     made_with: Mapping[str, str] = field(default_factory=dict)
+    doubts: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -115,6 +117,11 @@ def compare_with_baseline(result: ResultRecord, baseline: ResultRecord) -> list[
         Finding(f"pose {name}", "registered", "failed" if name in result.poses else "missing", "registered", True)
         for name, good in baseline.poses.items()
         if good and not result.poses.get(name, False)
+    ]
+    findings += [
+        Finding(f"pose {name}", "reliable", text, "reliable", True)
+        for name, text in result.doubts.items()
+        if name not in baseline.doubts
     ]
     for name, count in baseline.photos.items():
         found = result.photos.get(name, 0)
@@ -179,6 +186,7 @@ def with_tolerances_of(record: ResultRecord, baseline: ResultRecord) -> ResultRe
         record.methods,
         record.inputs,
         record.made_with,
+        record.doubts,
     )
 
 
@@ -194,6 +202,7 @@ def record_to_plain(record: ResultRecord) -> dict[str, Any]:
         "curves": list(record.curves),
         "methods": list(record.methods),
         "inputs": dict(record.inputs),
+        "doubts": dict(record.doubts),
     }
 
 
@@ -218,6 +227,7 @@ def record_from_plain(content: Any, source: str) -> ResultRecord:
             curves=_names(content["curves"]),
             methods=_names(content["methods"]),
             inputs={str(name): str(digest) for name, digest in content["inputs"].items()},
+            doubts={str(name): str(text) for name, text in content.get("doubts", {}).items()},
             made_with={str(name): str(value) for name, value in content.get("made_with", {}).items()},
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:

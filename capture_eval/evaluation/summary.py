@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from capture_eval.curves.extract import CurveSet
 from capture_eval.evaluation.best_fit_time import best_fit_rows
+from capture_eval.evaluation.error_propagation import CurveBars
 from capture_eval.evaluation.error_table import ErrorTable, Evaluation
 from capture_eval.evaluation.method_comparison import compare_methods
 from capture_eval.evaluation.metrics import METRICS_VERSION, average_and_maximum, point_errors
@@ -47,6 +48,7 @@ def summarise(
     diameter: float,
     pose_ok: NDArray[np.bool_],
     evaluation_vertices: str,
+    bars: CurveBars | None = None,
 ) -> dict[str, Any]:
     """Everything for ``summary.json``, as plain values that JSON can hold.
 
@@ -64,6 +66,9 @@ def summarise(
         Poses that were reconstructed and registered.
     evaluation_vertices : str
         Which vertices count: ``confident``, ``seen`` or ``all``.
+    bars : CurveBars, optional
+        What the registration's error bars do to the curves. The noise floor is the larger of theirs and that of the
+        curves that rest: the first knows the moving parts, the second knows what no repeat of a registration shows.
 
     Returns
     -------
@@ -75,6 +80,9 @@ def summarise(
     oracles, best_timing = _oracle_rows(evaluation, curves, diameter)
     _add_ratios(rows, rows | oracles)
     noise = _noise_floor(evaluation, curves, diameter)
+    noise["error_bars"] = None if bars is None else bars.summary()
+    floors = [noise["mean_E_A"], (noise["error_bars"] or {}).get("mean_E_A")]
+    floor = max((value for value in floors if value is not None), default=None)
     free = {name: method for name, method in methods.items() if not isinstance(method, KeyPoseMethod)}
     for name, fitted in best_fit_rows(curves, free, diameter, evaluation.counted).items():
         rows[name]["best_fit_time"] = fitted
@@ -88,9 +96,9 @@ def summarise(
         "methods": rows,
         "oracles": oracles,
         "best_timing": best_timing,
-        "noise_floor": noise["mean_E_A"],
+        "noise_floor": floor,
         "noise": noise,
-        "statistics": compare_methods(table, noise["mean_E_A"]),
+        "statistics": compare_methods(table, floor),
         "counts": {
             "poses": len(pose_ok),
             "poses_failed": int(np.sum(~pose_ok)),

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..evaluation.error_table import ErrorTable
 from . import figure_style
+from .error_bar_tables import coverage_table, error_bar_fact
 from .explanation_section import explanation_section
 from .page import Bar, PageContent, Picture, Section, Table
 from .saved_results import PoseQuality, SavedResults, TruthComparison
@@ -32,7 +33,7 @@ _SECTIONS: tuple[tuple[str, str, str, tuple[str, ...]], ...] = (
         "capture",
         "Capture and reconstruction",
         "",
-        ("contact_sheet", "mesh_over_photos", "reconstruction_quality", "tracking_confidence"),
+        ("contact_sheet", "mesh_over_photos", "reconstruction_quality", "tracking_confidence", "error_bars"),
     ),
 )
 
@@ -174,8 +175,8 @@ def pose_table(poses: Sequence[PoseQuality]) -> Table:
     rows = []
     for pose in poses:
         values = [form.format(pose.figures[key]) if key in pose.figures else "—" for _, key, form in shown]
-        rows.append([pose.name, f"{pose.t:.4g}", "ok" if pose.ok else f"failed: {pose.reason}", *values])
-    return Table(columns, rows, ["" if pose.ok else "failed" for pose in poses], text_columns=3)
+        rows.append([pose.name, f"{pose.t:.4g}", pose.state, *values])
+    return Table(columns, rows, ["failed" if pose.doubts or not pose.ok else "" for pose in poses], text_columns=3)
 
 
 def truth_tables(truth: TruthComparison) -> list[tuple[str, Table, bool]]:
@@ -193,6 +194,9 @@ def truth_tables(truth: TruthComparison) -> list[tuple[str, Table, bool]]:
         tables.append(("From photos and from true meshes, in % of D", Table(columns, rows), False))
     if truth.tracking_rows:
         tables.append(("Tracking error by pose, in % of D", _tracking_table(truth.tracking_rows), False))
+        coverage = coverage_table(truth.tracking_rows)
+        if coverage is not None:
+            tables.append(("True errors inside the 95 % error bars", coverage, False))
         regions = _region_table(truth.tracking_rows)
         if regions.rows:
             tables.append(("Tracking error by region, in % of D", regions, False))
@@ -274,6 +278,7 @@ def _facts(results: SavedResults) -> list[tuple[str, str]]:
     )
     facts.append(("D, in template units", f"{results.diameter:.2f}"))
     facts.append(("Noise floor", "not measured" if floor is None else f"{percent(floor.mean)} of D"))
+    facts += error_bar_fact(results.faces, results.diameter, results.summary)
     if results.faces is not None:
         facts.append(("Vertices", f"{results.faces.vertices.shape[1]:,}"))
     tracking = results.truth.tracking.get("median") if results.truth is not None else None
@@ -284,6 +289,9 @@ def _facts(results: SavedResults) -> list[tuple[str, str]]:
 
 def _warnings(results: SavedResults) -> list[str]:
     warnings = [f"{pose.name} (t = {pose.t:.4g}) failed: {pose.reason}" for pose in results.poses if not pose.ok]
+    warnings += [
+        f"{pose.name} (t = {pose.t:.4g}) is doubtful: {text}" for pose in results.poses for text in pose.doubts
+    ]
     for row in (results.summary.get("methods") or {}).values():
         warnings += [str(text) for text in row.get("warnings") or [] if str(text) not in warnings]
     hurried = [pose.name for pose in results.poses if pose.figures.get("threads", 1.0) > 1.0]

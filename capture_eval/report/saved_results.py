@@ -93,6 +93,7 @@ class FaceSequence:
         Edges of the polygons.
     seen : (P, V) bool array
         Vertices that enough photos of the pose see.
+    error_bar : (P, V) array of 95 % bars in head units, NaN where unknown; None without bars.
     """
 
     t: Floats
@@ -103,6 +104,7 @@ class FaceSequence:
     used: Booleans
     edges: Integers
     seen: Booleans
+    error_bar: Floats | None = None
 
     def __post_init__(self) -> None:
         if self.vertices.ndim != 3 or self.vertices.shape[2] != 3 or self.vertices.shape[0] != len(self.t):
@@ -122,6 +124,15 @@ class PoseQuality:
     figures: Mapping[str, float]
     stages: Mapping[str, str] = field(default_factory=dict)
     """Status by stage: ok, failed or skipped."""
+    doubts: tuple[str, ...] = ()
+    """Why a pose that has a result should not be relied on."""
+
+    @property
+    def state(self) -> str:
+        """For the table of poses: ok, or failed or doubtful with the reason."""
+        if not self.ok:
+            return f"failed: {self.reason}"
+        return f"doubtful: {'; '.join(self.doubts)}" if self.doubts else "ok"
 
 
 @dataclass(frozen=True)

@@ -193,3 +193,12 @@ def errors_csv(rows: Sequence[tuple[str, str, float, int, float, float]]) -> str
     writer.writerow(("method", "curve", "t", "n_points", "E_A", "E_M"))
     writer.writerows((m, c, repr(t), n, repr(average), repr(maximum)) for m, c, t, n, average, maximum in rows)
     return stream.getvalue()
+
+
+def error_bars_csv(rows: Sequence[tuple[str, float, int, float, float, float]]) -> str:
+    """``error_bars.csv``: what the ground truth's own error does to E_A and E_M, fractions of D in full precision."""
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(("curve", "t", "n_points", "E_A_floor", "E_A_bar", "E_M_bar"))
+    writer.writerows((c, repr(t), n, *map(repr, values)) for c, t, n, *values in rows)
+    return stream.getvalue()

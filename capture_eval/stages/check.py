@@ -64,9 +64,17 @@ def read_result(out: Path) -> ResultRecord:
             methods=tuple(summary["methods"]),
             inputs=dict(inputs.get("files", {})),
             made_with={"capture_eval": __version__, **inputs.get("tools", {})},
+            doubts=pose_doubts(out),
         )
     except (KeyError, TypeError, AttributeError) as error:
         raise InputError(f"{report / 'summary.json'}: damaged ({type(error).__name__}: {error})") from None
+
+
+def pose_doubts(out: Path) -> dict[str, str]:
+    """Poses that have a result which should not be relied on, and why, from the register stage."""
+    path = out / "work" / "register" / "registered.json"
+    rows = read_json(path).get("poses", []) if path.is_file() else []
+    return {str(row["pose"]): "; ".join(row["doubts"]) for row in rows if row.get("doubts")}
 
 
 def _registered_poses(out: Path, names: list[str]) -> dict[str, bool]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from capture_eval.curves.edge_loops import edge_topology
 from capture_eval.curves.extract import Curve, CurveSet, extract_curves, resolve_curves
 from capture_eval.errors import InputError, SolverError
+from capture_eval.evaluation.error_propagation import curve_bar_coverage, curve_bars
 from capture_eval.evaluation.error_table import Evaluation, check_pose_times, evaluate_curves
 from capture_eval.evaluation.fit_report import fit_report, training_poses
 from capture_eval.evaluation.summary import summarise
@@ -24,7 +25,7 @@ from capture_eval.files.mesh_files import read_mesh
 from capture_eval.interpolation.method import InterpolationMethod
 from capture_eval.interpolation.methods import create_methods
 from capture_eval.polygon_mesh import PolygonMesh
-from capture_eval.report.tables import errors_csv
+from capture_eval.report.tables import error_bars_csv, errors_csv
 from capture_eval.stages.evaluation_files import save_curves, save_tables
 from capture_eval.triangle_geometry import diameter
 
@@ -65,6 +66,9 @@ class _Poses:
     ok: Booleans
     confidence: Floats | None = None
     seen: Booleans | None = None
+    error_bar: Floats | None = None
+    motion_bar: Floats | None = None
+    reliable: Booleans | None = None
 
     def taking_over(self, vertices: Floats) -> _Poses:
         """The same poses with other positions, of which those of failed poses become NaN in place: no copy is made."""
@@ -208,6 +212,9 @@ def evaluate_truth(
         "D_truth": true_diameter,
         **compare_with_truth(from_photos.table, from_truth.table),
     }
+    if poses.motion_bar is not None:
+        bars = curve_bars(poses.motion_bar, extracted, poses.t, from_photos.counted, size)
+        comparison["error_bars"] = curve_bar_coverage(bars, from_photos.table, from_truth.table)
     write_text(Path(report) / "errors_truth.csv", errors_csv(from_truth.table.rows()))
     write_json(Path(report) / "truth_comparison.json", comparison)
     return comparison
@@ -235,12 +242,14 @@ def _read_registered(path: Path) -> _Poses:
     finite = [bool(np.isfinite(positions).all()) for positions in vertices]  # pose by pose needs less memory
     ok = np.asarray(arrays.get("pose_ok", np.ones(len(t))), dtype=bool) & finite
     confidence, seen = arrays.get("confidence"), arrays.get("seen")
-    for name, values in (("confidence", confidence), ("seen", seen)):
+    bars = {name: arrays.get(name) for name in ("error_bar", "motion_bar")}
+    for name, values in (("confidence", confidence), ("seen", seen), *bars.items()):
         if values is not None and values.shape != vertices.shape[:2]:
             raise InputError(f"{path}: {name} has shape {values.shape}, expected {vertices.shape[:2]}")
     if not ok[0]:
         raise InputError(f"{path}: the neutral pose (t = 0) was not registered, so nothing can be evaluated")
-    poses = _Poses(t, vertices, ok, confidence, None if seen is None else seen.astype(bool))
+    reliable = arrays.get("pose_reliable")
+    poses = _Poses(t, vertices, ok, confidence, None if seen is None else seen.astype(bool), **bars, reliable=reliable)
     return poses.taking_over(vertices)
 
 
@@ -308,7 +317,11 @@ def _evaluate_and_save(
     photos: Mapping[str, int | None] | None = None,
 ) -> dict[str, Any]:
     evaluation = evaluate_curves(extracted, poses.t, created, size, counted)
-    summary = summarise(evaluation, extracted, created, size, poses.ok, which)
+    bars = None
+    if poses.motion_bar is not None:
+        bars = curve_bars(poses.motion_bar, extracted, poses.t, evaluation.counted, size)
+        write_text(report / "error_bars.csv", error_bars_csv(bars.rows()))
+    summary = summarise(evaluation, extracted, created, size, poses.ok, which, bars)
     summary["fit"] = _fit(extracted, poses, size, evaluation, fit)
     summary["counts"] |= photos or {"photos": None, "photos_registered": None}
     _log(summary)
@@ -370,6 +383,10 @@ def _save_poses(path: Path, poses: _Poses, mesh: PolygonMesh, counted: Booleans)
     }
     if poses.confidence is not None:
         arrays["confidence"] = poses.confidence
-    if poses.seen is not None:
-        arrays["seen"] = poses.seen
-    write_npz(path, arrays)
+    known = {
+        "seen": poses.seen,
+        "error_bar": poses.error_bar,
+        "motion_bar": poses.motion_bar,
+        "pose_reliable": poses.reliable,
+    }
+    write_npz(path, arrays | {name: values for name, values in known.items() if values is not None})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import logging
 import time
 from collections.abc import Sequence
@@ -24,6 +25,7 @@ from capture_eval.registration.nonrigid_icp import (
     hidden_stiffness,
 )
 from capture_eval.registration.photo_visibility import count_seen
+from capture_eval.registration.reliability import PoseEvidence, pose_evidence
 from capture_eval.registration.surface_correspondence import Surface
 from capture_eval.registration.template_visibility import SKIN_SHARE, scan_trust, visible_direction_share
 from capture_eval.registration.texture_baking import BakedTexture, bake_texture
@@ -42,8 +44,17 @@ from capture_eval.stages.registration_inputs import (
     place_landmarks,
     save_similarities,
 )
+from capture_eval.stages.reliability import believed, pose_doubts
+from capture_eval.stages.uncertainty import (
+    bar_arrays,
+    neutral_landmark_spread,
+    photo_half_spread,
+    spread_figures,
+)
 
 logger = logging.getLogger("capture_eval.register")
+
+POSE_ARRAYS = ("vertices", "residual", "confidence", "seen", "spread", "evidence")
 
 Floats = NDArray[np.float64]
 
@@ -88,12 +99,16 @@ def register_neutral(
     fit = fit_template(rest, parts.triangles, skin, scan, placed, options.neutral, trust)
     logger.info("register neutral: fitted, texture stereo follows")
     photos = straightened(load_photo_set(work / neutral, working), fit.vertices, parts, options)
-    refined, texture = _refine_neutral(parts, fit.vertices, skin, trust, photos, scan, options)
+    refined, texture, spread = _refine_neutral(parts, fit.vertices, skin, trust, photos, scan, options)
     quality = _quality(parts, refined, photos, scan, skin, options)
+    evidence = pose_evidence(None, refined.stereo, quality.seen & skin, is_neutral=True)
+    believed(neutral, evidence, options.reliability)
+    sliding = neutral_landmark_spread(work / neutral, landmarks, parts, working, skin, scan, fit.vertices, options)
     write_npz(
         folder / "neutral.npz",
         {"before_rounds": parts.unit * fit.vertices, "skin": skin, "scan_trust": trust}
-        | _saved(parts, refined.vertices, quality),
+        | {"landmark_spread": parts.unit * sliding}
+        | _saved(parts, refined.vertices, quality, spread, evidence),
     )
     write_npz(folder / "neutral_texture.npz", {"image": texture.image, "weight": texture.weight, "mask": texture.mask})
     report = {
@@ -103,6 +118,7 @@ def register_neutral(
         "matched_share": float(np.mean(fit.matched[skin])),
         "skin_vertices": int(np.count_nonzero(skin)),
         "seen_vertices": int(np.count_nonzero(quality.seen)),
+        "landmark_spread": spread_figures(sliding, quality.seen & skin),
         "cpu_seconds": round(time.process_time() - started, 3),
     }
     write_json(folder / "neutral.json", report)
@@ -132,12 +148,15 @@ def _refine_neutral(
     photos: PhotoSet,
     scan: Surface,
     options: RegisterOptions,
-) -> tuple[RefinedPose, BakedTexture]:
+) -> tuple[RefinedPose, BakedTexture, Floats]:
     solver = DeformationSolver(build_mesh_operators(fitted, parts.triangles), hidden_stiffness(skin), trust)
     atlases = parts.atlases(options.flow_texels, options.stereo_texels)
     refined = refine_by_texture(solver, fitted, skin, photos, atlases, None, scan, None, options.neutral_rounds)
     texture = bake_texture(refined.vertices, parts.triangles, atlases.flow, photos.views, photos.images)
-    return refined, texture
+    spread = photo_half_spread(
+        solver, refined.vertices, skin, photos, atlases, None, scan, None, options.neutral_rounds, options.uncertainty
+    )
+    return refined, texture, spread
 
 
 def _quality(
@@ -167,13 +186,17 @@ def _pose_solver(parts: Template, neutral: dict[str, NDArray[Any]]) -> Deformati
     return DeformationSolver(operators, hidden_stiffness(neutral["skin"]), neutral["scan_trust"])
 
 
-def _saved(parts: Template, vertices: Floats, quality: VertexQuality) -> dict[str, NDArray[Any]]:
+def _saved(
+    parts: Template, vertices: Floats, quality: VertexQuality, spread: Floats, evidence: PoseEvidence
+) -> dict[str, NDArray[Any]]:
     """Arrays of one registered pose in the head frame."""
     return {
         "vertices": parts.unit * vertices,
         "residual": parts.unit * quality.residual,
         "confidence": quality.confidence,
         "seen": quality.seen,
+        "spread": parts.unit * spread,
+        "evidence": evidence.array,
     }
 
 
@@ -241,7 +264,7 @@ def refine_pose(
         return _without_result(work / pose_name, "skipped", "not tracked")
     neutral = read_npz(folder / "neutral.npz")
     if index == 0:
-        arrays = {key: neutral[key] for key in ("vertices", "residual", "confidence", "seen")}
+        arrays = {key: neutral[key] for key in POSE_ARRAYS}
     else:
         parts = load_template(template, occluders)
         try:
@@ -253,6 +276,7 @@ def refine_pose(
         "status": "ok",
         "reason": "",
         "confident_share_of_seen": float(np.mean(arrays["confidence"][arrays["seen"]] > 0.5)),
+        "evidence": dataclasses.asdict(PoseEvidence.from_array(arrays["evidence"])),
         "cpu_seconds": round(time.process_time() - started, 3),
     }
     write_json(work / pose_name / "registered.json", row)
@@ -291,58 +315,60 @@ def _refined_arrays(
     matches = MaterialMatches(raw["triangle"], raw["barycentric"], raw["target"] / parts.unit, raw["weight"])
     photos = straightened(load_photo_set(work / pose_name, working), start / parts.unit, parts, options)
     scan = load_scan(work / pose_name, working)
-    refined = refine_by_texture(
-        solver,
-        start / parts.unit,
-        skin,
-        photos,
-        parts.atlases(options.flow_texels, options.stereo_texels),
-        texture,
-        scan,
-        matches,
-        options.pose_rounds,
-    )
+    atlases = parts.atlases(options.flow_texels, options.stereo_texels)
+    measured = (photos, atlases, texture, scan, matches, options.pose_rounds)
+    refined = refine_by_texture(solver, start / parts.unit, skin, *measured)
     quality = _quality(parts, refined, photos, scan, skin, options)
-    settled = stabilised(refined.vertices, rest, np.minimum(quality.confidence, neutral["confidence"]), options)
-    return _saved(parts, settled, quality)
+    evidence = pose_evidence(refined.flow, refined.stereo, quality.seen & skin, is_neutral=False)
+    believed(pose_name, evidence, options.reliability)
+    confidence = np.minimum(quality.confidence, neutral["confidence"])
+
+    def settle(vertices: Floats) -> Floats:
+        return stabilised(vertices, rest, confidence, options)
+
+    spread = photo_half_spread(solver, refined.vertices, skin, *measured, options.uncertainty, settle)
+    return _saved(parts, settle(refined.vertices), quality, spread, evidence)
 
 
 def collect_registration(
     work: Path, pose_names: Sequence[str], t: Sequence[float], options: RegisterOptions
 ) -> dict[str, Any]:
-    """Gather all poses in `register/registered.npz`; poses without a result are rows of NaN."""
-    del options
+    """Gather all poses in `register/registered.npz`; poses without a result are rows of NaN.
+
+    A pose that is kept, though something is wrong with it, has its doubts in its row and `pose_reliable` False.
+    """
     if len(t) != len(pose_names):
         raise InputError(f"registration: {len(pose_names)} poses but {len(t)} times")
-    neutral = read_npz(work / "register" / "neutral.npz")
-    shape = neutral["vertices"].shape
-    poses = len(pose_names)
-    vertices = np.full((poses, *shape), np.nan)
-    residual = np.full((poses, shape[0]), np.nan)
-    confidence = np.zeros((poses, shape[0]))
-    seen = np.zeros((poses, shape[0]), dtype=np.bool_)
-    rows = []
+    count = len(read_npz(work / "register" / "neutral.npz")["vertices"])
+    shape = (len(pose_names), count)
+    arrays = {
+        "vertices": np.full((*shape, 3), np.nan),
+        "residual": np.full(shape, np.nan),
+        "confidence": np.zeros(shape),
+        "seen": np.zeros(shape, dtype=np.bool_),
+        "spread": np.full(shape, np.nan),
+    }
+    rows: list[dict[str, Any]] = []
     for index, name in enumerate(pose_names):
         report = work / name / "registered.json"
         row = {"status": "missing", "reason": "never refined"} if not report.is_file() else read_json(report)
         rows.append({"pose": name, "status": row["status"], "reason": row.get("reason", "")})
         if row["status"] == "ok":
-            arrays = read_npz(work / name / "registered.npz")
-            vertices[index], residual[index] = arrays["vertices"], arrays["residual"]
-            confidence[index], seen[index] = arrays["confidence"], arrays["seen"]
+            saved = read_npz(work / name / "registered.npz")
+            for key, values in arrays.items():
+                values[index] = saved[key]
     ok = np.array([row["status"] == "ok" for row in rows])
-    write_npz(
-        work / "register" / "registered.npz",
-        {
-            "t": np.asarray(t, dtype=np.float64),
-            "vertices": vertices,
-            "residual": residual,
-            "confidence": confidence,
-            "seen": seen,
-            "pose_ok": ok,
-            "pose_names": np.array(list(pose_names)),
-        },
-    )
+    doubts = pose_doubts(work, pose_names, arrays["vertices"], arrays["confidence"], arrays["seen"], ok, options)
+    for row, found in zip(rows, doubts, strict=True):
+        row["doubts"] = found
+    bars = bar_arrays(arrays["vertices"], arrays["spread"], arrays["confidence"], arrays["seen"], options.uncertainty)
+    named = {
+        "t": np.asarray(t, dtype=np.float64),
+        "pose_ok": ok,
+        "pose_reliable": ok & np.array([not found for found in doubts]),
+        "pose_names": np.array(list(pose_names)),
+    }
+    write_npz(work / "register" / "registered.npz", arrays | bars | named)
     quality = {"poses": rows, "registered": int(np.count_nonzero(ok))}
     write_json(work / "register" / "registered.json", quality)
     return quality

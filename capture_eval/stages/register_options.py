@@ -7,8 +7,10 @@ from dataclasses import dataclass, field
 from capture_eval.registration.lifted_matches import LiftingOptions
 from capture_eval.registration.nonrigid_icp import NonrigidIcpOptions
 from capture_eval.registration.pose_tracking import TrackingOptions
+from capture_eval.registration.reliability import ReliabilityOptions
 from capture_eval.registration.texture_rounds import RoundOptions
 from capture_eval.registration.vertex_confidence import ConfidenceOptions
+from capture_eval.stages.uncertainty import UncertaintyOptions
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,10 @@ class RegisterOptions:
         Afterwards bring the skin that did not move back to where it is in the neutral.
     rigid_region : tuple of int or None
         Template vertices that do not move (skull); the stabilisation looks at no others.
+    uncertainty : UncertaintyOptions
+        Error bars.
+    reliability : ReliabilityOptions
+        When a pose is not to be believed.
     """
 
     neutral: NonrigidIcpOptions = field(default_factory=NonrigidIcpOptions)
@@ -48,3 +54,5 @@ class RegisterOptions:
     straighten_cameras: bool = True
     stabilise: bool = True
     rigid_region: tuple[int, ...] | None = None
+    uncertainty: UncertaintyOptions = field(default_factory=UncertaintyOptions)
+    reliability: ReliabilityOptions = field(default_factory=ReliabilityOptions)

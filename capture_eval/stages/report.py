@@ -17,6 +17,7 @@ from ..errors import InputError
 from ..files.atomic import write_bytes, write_text
 from ..report import (
     capture_figures,
+    error_bar_figures,
     error_figures,
     face_figures,
     figure_style,
@@ -251,6 +252,15 @@ def _face_drawings(results: SavedResults, options: ReportOptions) -> list[_Drawi
                 "Tracking confidence",
                 face_figures.CONFIDENCE_CAPTION,
                 lambda: face_figures.confidence_map(faces, up, front),
+            )
+        )
+    if faces.error_bar is not None:
+        drawings.append(
+            _Drawing(
+                "error_bars",
+                "Error bars",
+                error_bar_figures.CAPTION,
+                lambda: error_bar_figures.error_bar_map(faces, diameter, up, front),
             )
         )
     return drawings

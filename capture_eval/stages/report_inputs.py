@@ -113,7 +113,10 @@ def read_poses(
     out: Path, entries: Sequence[Mapping[str, Any]], times: NDArray[np.float64], faces: FaceSequence | None
 ) -> tuple[PoseQuality, ...]:
     """Collect what every stage said about every pose of the manifest."""
-    alignment = _alignment_rows(out / "work" / "align" / "alignment.json")
+    alignment, tracked, registered = (
+        _pose_rows(out / "work" / name)
+        for name in ("align/alignment.json", "register/tracking.json", "register/registered.json")
+    )
     poses = []
     for row, entry in enumerate(entries):
         name = str(entry["name"])
@@ -130,16 +133,22 @@ def read_poses(
         if faces is not None and row < len(faces.pose_ok):
             ok = bool(faces.pose_ok[row])
             figures |= _confidence_figures(faces, row)
+        for stage, found in (("register", tracked), ("register", registered)):
+            earlier = any(content.get("status") == "failed" for content in stages.values())
+            if not earlier and found.get(name, {}).get("status") == "failed":
+                stages[stage] = found[name]
+        doubts = tuple(registered.get(name, {}).get("doubts", ()))
         failed = [stage for stage, content in stages.items() if content.get("status") == "failed"]
         reason = "; ".join(f"{stage}: {stages[stage].get('reason') or 'failed'}" for stage in failed)
         if not ok and not reason:
             reason = "no registered mesh"
         statuses = {stage: str(content.get("status", "")) for stage, content in stages.items()}
-        poses.append(PoseQuality(name, float(entry.get("t", times[row])), ok and not failed, reason, figures, statuses))
+        t = float(entry.get("t", times[row]))
+        poses.append(PoseQuality(name, t, ok and not failed, reason, figures, statuses, doubts))
     return tuple(poses)
 
 
-def _alignment_rows(path: Path) -> dict[str, dict[str, Any]]:
+def _pose_rows(path: Path) -> dict[str, dict[str, Any]]:
     if not path.is_file():
         return {}
     rows = read_json(path).get("poses", [])
@@ -198,6 +207,7 @@ def read_faces(path: Path) -> FaceSequence:
         used=np.ones(vertices.shape[1], dtype=bool) if used is None else used.astype(bool),
         edges=_edges(saved, path),
         seen=np.ones(vertices.shape[:2], dtype=bool) if seen is None else seen.astype(bool),
+        error_bar=saved.get("error_bar"),
     )
 
 

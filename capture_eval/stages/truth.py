@@ -27,6 +27,7 @@ from capture_eval.files.manifest_files import read_yaml
 from capture_eval.files.mesh_files import read_mesh
 from capture_eval.polygon_mesh import PolygonMesh
 from capture_eval.similarity import Similarity, estimate_similarity
+from capture_eval.stages.bar_truth import BarInside
 from capture_eval.stages.registration_inputs import load_similarities
 from capture_eval.triangle_geometry import diameter
 
@@ -103,16 +104,18 @@ def measure_tracking(
     points = skin_points(neutral, triangles, true_vertices[0], true_triangles, anchors, options.rings)
     size = diameter(true_vertices[0])
     masks = {"seen": seen, "confident": confident} | _regions(curves, neutral, seen, options.region_reach * size)
-    rows = []
+    rows, inside = [], BarInside(saved, truth_from_head.scale, size, {"confident": confident, "seen": seen})
     for index, time in enumerate(saved["t"]):
         row: dict[str, Any] = {"pose": str(saved["pose_names"][index]), "t": float(time), "status": "failed"}
         if ok[index]:
             moved = truth_from_head.apply(registered[index])
             error = tracking_error(moved, neutral, points, true_vertices[index], true_vertices[0], true_triangles)
             row |= {"status": "ok"} | _figures(error, seen, size)
+            inside.add(index, error, row)
             row["regions"] = {name: _figures(error, mask, size) for name, mask in masks.items() if mask.any()}
             logger.info("truth %s: tracking median %.3f %% of D", row["pose"], 100 * row["median"])
         rows.append(row)
+    write_npz(work / "register" / "tracking_error.npz", inside.errors)
     _save_tracked(work, points, true_vertices, true_triangles, truth_from_head)
     result = {
         "schema": "capture_eval.truth/1",
@@ -122,6 +125,7 @@ def measure_tracking(
         "same_topology": anchors is not None,
         "seen_vertices": int(np.count_nonzero(seen)),
         "confident_share_of_seen": float(np.mean(confident[seen])) if seen.any() else 0.0,
+        "error_bars": inside.overall(),
         "tracking": rows,
     }
     write_json(report / "truth.json", result)

@@ -1,0 +1,102 @@
+"""Which registered poses are not to be believed, and why: the checks of the register stage with what is on disk."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture_eval.errors import RegistrationError
+from capture_eval.files.atomic import read_json
+from capture_eval.registration.reliability import (
+    PoseEvidence,
+    ReliabilityOptions,
+    coverage_faults,
+    evidence_faults,
+    exchanged_poses,
+)
+from capture_eval.stages.register_options import RegisterOptions
+
+logger = logging.getLogger("capture_eval.register")
+
+_TRUSTED = 0.5
+
+
+def believed(pose_name: str, evidence: PoseEvidence, options: ReliabilityOptions) -> None:
+    """Pass a pose whose skin was measured.
+
+    Raises
+    ------
+    RegistrationError
+        Says what the photos do not agree on.
+    """
+    faults = evidence_faults(evidence, options)
+    if faults:
+        raise RegistrationError(f"{pose_name} is not to be believed: {'; '.join(faults)}")
+
+
+def pose_doubts(
+    work: Path,
+    pose_names: Sequence[str],
+    vertices: NDArray[np.float64],
+    confidence: NDArray[np.float64],
+    seen: NDArray[np.bool_],
+    ok: NDArray[np.bool_],
+    options: RegisterOptions,
+) -> list[list[str]]:
+    """Doubts about each pose in words, an empty list for a good one; failed poses have their reason elsewhere.
+
+    Parameters
+    ----------
+    vertices : (P, V, 3) float64
+    confidence : (P, V) float64
+    seen : (P, V) bool
+    ok : (P,) bool
+    """
+    photos = [_photos_placed(work / name) for name in pose_names]
+    known = [count for count, good in zip(photos, ok, strict=True) if good and count is not None]
+    typical = float(np.median(known)) if known else None
+    doubts: list[list[str]] = [
+        coverage_faults(seen[row], seen[0], photos[row], typical, options.reliability) if ok[row] else []
+        for row in range(len(pose_names))
+    ]
+    trusted = np.all(confidence[ok] > _TRUSTED, axis=0)
+    for pair in exchanged_poses(vertices, trusted, options.reliability):
+        for row, other in ((pair.first, pair.second), (pair.second, pair.first)):
+            doubts[row].append(
+                f"looks exchanged with {pose_names[other]}: in the other order the steps to and from both are "
+                f"{pair.gain:.0%} shorter"
+            )
+    for name, found in zip(pose_names, doubts, strict=True):
+        for text in found:
+            logger.warning("%s is doubtful: %s", name, text)
+    return doubts
+
+
+def troubled_poses(out: Path) -> list[str]:
+    """One line per pose of a finished registration that failed or is doubtful: its name and why."""
+    folder = out / "work" / "register"
+    lines = []
+    rows = {name: _rows(folder / f"{name}.json") for name in ("tracking", "registered")}
+    for pose, row in rows["registered"].items():
+        tracked = rows["tracking"].get(pose, {})
+        if row.get("status") != "ok":
+            lines.append(f"{pose} has no result: {tracked.get('reason') or row.get('reason')}")
+        lines += [f"{pose} is doubtful: {text}" for text in row.get("doubts") or []]
+    return lines
+
+
+def _rows(path: Path) -> dict[str, dict[str, Any]]:
+    found = read_json(path).get("poses", []) if path.is_file() else []
+    return {str(row["pose"]): row for row in found}
+
+
+def _photos_placed(pose_folder: Path) -> int | None:
+    path = pose_folder / "sparse.json"
+    if not path.is_file():
+        return None
+    return int(read_json(path).get("registered") or 0)
