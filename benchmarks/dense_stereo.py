@@ -76,7 +76,7 @@ def measure(case: Case, work: Path, makehuman: Path | None) -> dict[str, Any]:
     try:
         prepare(case, work, makehuman)
         record = in_its_own_process(reconstruct, case, work)
-    except CaptureEvalError as error:
+    except (CaptureEvalError, OSError, RuntimeError, ValueError) as error:
         return {"status": "failed", "reason": str(error), "fingerprint": case.fingerprint}
     return dict(record)
 
@@ -113,6 +113,7 @@ def main() -> int:
     parser.add_argument("--force", action="store_true", help="measure again what is there")
     parser.add_argument("--prepare", action="store_true", help="only photos and sparse models, which nothing measures")
     parser.add_argument("--report", action="store_true", help="no measuring")
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="begin no other case after so long")
     parser.add_argument("--list", action="store_true", help="list the cases and which are measured")
     parser.add_argument("--makehuman", type=Path, help="checkout of MakeHuman")
     parser.add_argument("--work", type=Path, default=Path("build/dense_stereo"), help="photos and reconstructions")
@@ -138,8 +139,14 @@ def main() -> int:
             print(f"{case.name}: photos and sparse model ({time.perf_counter() - started:.0f} s)", flush=True)
         return 0
     wanted = [case for case in chosen if arguments.force or not is_done(saved, case)]
+    beginning = time.perf_counter()
     for number, case in enumerate([] if arguments.report else wanted, start=1):
         started = time.perf_counter()
+        if started - beginning > arguments.seconds:
+            print(f"{len(wanted) - number + 1} cases are left; the same call goes on with them")
+            break
+        if not arguments.force and is_done(load(path), case):
+            continue
         record = measure(case, arguments.work, arguments.makehuman)
         saved = load(path) | {case.name: record}  # another call may have measured other cases meanwhile
         save(path, saved)

@@ -101,13 +101,11 @@ def _heads() -> list[Case]:
         Scene("mannequin", 1, "jaw_open", 1.0),
         Scene("mannequin", 2, "grin", 1.0, "weak"),
     )
-    cases = [Case(f"tuned_{scene.name}", "heads", scene) for scene in TUNED]
-    for scene in (CENTRE, WEAK):
-        cases.append(Case(f"{scene.name}_true", "heads", scene, maps=True))
-        cases.append(Case(f"{scene.name}_solved", "heads", scene, known=False))
+    scenes = (CENTRE, WEAK)
+    cases = [Case(f"{scene.name}_true", "heads", scene, maps=True) for scene in scenes]
     cases += [Case(f"{scene.name}_true", "heads", scene) for scene in others]
-    cases.append(Case(f"{others[1].name}_solved", "heads", others[1], known=False))
-    return cases
+    cases += [Case(f"{scene.name}_solved", "heads", scene, known=False) for scene in (*scenes, others[1])]
+    return cases + [Case(f"tuned_{scene.name}", "heads", scene) for scene in TUNED]
 
 
 def _large() -> list[Case]:
@@ -120,22 +118,23 @@ def _large() -> list[Case]:
 
 
 def all_cases() -> list[Case]:
-    """Every case, the important ones first."""
+    """Every case, those first that should be there when time is short."""
     cases = _heads()
+    cases += [Case(f"colmap_fusion_{scene.name}", "fusion", scene, method="colmap_fusion") for scene in (CENTRE, WEAK)]
     cases += [Case(f"sgbm_{scene.name}", "peers", scene, method="sgbm", maps=True) for scene in (CENTRE, WEAK)]
     cases += [Case(f"openmvs_{CENTRE.name}", "peers", CENTRE, method="openmvs")]
-    cases += [Case(f"colmap_fusion_{scene.name}", "fusion", scene, method="colmap_fusion") for scene in (CENTRE, WEAK)]
-    cases += _large()
     cases += [Case(f"photos_{count}", "photos", CENTRE, photos=count) for count in PHOTOS]
     cases += [
         Case(f"size_{width}x{height}", "sizes", replace(CENTRE, width=width, height=height)) for width, height in SIZES
     ]
+    cases += _large()[:1]
     cases += [Case(f"sources_{count}", "effort", CENTRE, dense={"sources": count}) for count in SOURCES]
     cases += [
+        Case("half_scale", "effort", CENTRE, dense={"max_image_size": 320}),
         Case("passes_fewer", "effort", CENTRE, stereo={"coarse_passes": 2, "fine_passes": 1}),
         Case("passes_more", "effort", CENTRE, stereo={"coarse_passes": 8, "fine_passes": 4}),
-        Case("half_scale", "effort", CENTRE, dense={"max_image_size": 320}),
     ]
+    cases += _large()[1:]
     small = replace(CENTRE, width=320, height=240)
     cases += [
         Case(f"threads_{count}", "threads", small, photos=12, dense={"threads": count}, stereo={"threads": count})
