@@ -25,6 +25,7 @@ from capture_eval.reconstruction.patch_match import (
     match_view,
     plane_maps,
     plane_normals,
+    sampling_pattern,
 )
 from capture_eval.reconstruction.point_fusion import CellFusion, PointCloud, average_in_cells
 from capture_eval.reconstruction.view_selection import choose_sources, depth_range, pair_scores
@@ -215,6 +216,14 @@ def _shrunk(inside: np.ndarray) -> np.ndarray:
 def test_a_photo_without_plain_places_loses_nothing() -> None:
     noise = np.random.default_rng(0).integers(0, 255, (60, 80, 3)).astype(np.uint8)
     assert textured_region(noise, 4).all()
+
+
+@pytest.mark.parametrize("window", range(1, 9))
+def test_the_checked_reach_covers_all_samples(window: int) -> None:
+    pattern = sampling_pattern(window, 100, PatchMatchOptions(window=window))
+    # the kernel reads without bounds inside this radius
+    assert pattern.radius >= max(np.abs(pattern.dx).max(), np.abs(pattern.dy).max())
+    assert len(np.unique(np.stack([pattern.dx, pattern.dy]), axis=1).T) == 32
 
 
 def ball_maps(names: tuple[int, ...]) -> list[DepthMap]:

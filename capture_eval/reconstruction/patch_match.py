@@ -142,7 +142,10 @@ def _pack_reference(level: PyramidLevel, active: NDArray[np.uint8]) -> "Referenc
 
 
 def sampling_pattern(window: int, stride: int, options: PatchMatchOptions) -> "Pattern":
-    """32 samples: six by six without corners, spread over a window of half width `window`."""
+    """32 samples: six by six without corners, spread over a window of half width `window`.
+
+    Below 3 pixels there are not six places in a row; then the samples stay 3 pixels wide and the outer ones weigh less.
+    """
     from capture_eval.reconstruction.patch_cost_kernels import Pattern
 
     ladder = np.rint(np.array([-1.0, -0.6, -0.2, 0.2, 0.6, 1.0]) * window).astype(np.int64)
@@ -157,7 +160,7 @@ def sampling_pattern(window: int, stride: int, options: PatchMatchOptions) -> "P
         dy=y.astype(np.float32),
         spatial=spatial.astype(np.float32),
         shift=(y * stride + x).astype(np.int32),
-        radius=np.float32(window),
+        radius=np.float32(ladder[-1]),
         colour_scale=np.float32(1.0 / options.colour_sigma**2),
         noise=np.float32(options.variance_floor),
     )
