@@ -46,6 +46,7 @@ from capture_eval.stages.surface import SurfaceOptions, reconstruct_surface
 
 Floats = NDArray[np.float64]
 
+HERE = Path(__file__).parent
 FAR = 0.003  # of D: a point farther from the truth is crust
 CLOSE = (0.001, 0.003)
 PERCENTILES = (50, 90, 95, 99)
@@ -268,13 +269,18 @@ def align_to_truth(sparse: Path, truth: TrueScene, places: TruePlaces, scan: Pol
 
 
 def _commit() -> str:
-    """Short name of the commit, with a plus when the tree differs from it."""
-    command = ["git", "describe", "--always", "--dirty=+"]
+    """The last commit that touched what is measured, with a plus when the files differ from it."""
+    names = ["reconstruction", "stages/sparse.py", "stages/dense.py", "stages/fusion.py", "stages/surface.py"]
+    paths = [f"../capture_eval/{name}" for name in names]
+
+    def git(*words: str) -> str:
+        found = subprocess.run(["git", *words, "--", *paths], capture_output=True, text=True, check=False, cwd=HERE)
+        return found.stdout.strip()
+
     try:
-        found = subprocess.run(command, capture_output=True, text=True, check=False, cwd=Path(__file__).parent)
+        return git("log", "-1", "--format=%h") + ("+" if git("status", "--porcelain") else "")
     except OSError:
         return ""
-    return found.stdout.strip()
 
 
 def _peak_megabytes(of_children: bool = False) -> float:
