@@ -60,6 +60,8 @@ def measure_case(bench: Bench, case: Case, capture: Capture, seconds: dict[str, 
         "masks_of": case.masks_of,
         "poses": rows,
         "align": alignment_rows(folder),
+        "doubts": {row["pose"]: doubt for row in saved_rows(folder) if (doubt := row["reason"] or row.get("doubts"))},
+        "error_bars": truth.get("error_bars"),
         "timings": {} if ablated else {timing: evaluate_timing(folder, case, timing) for timing in case.timings},
         "cpu_seconds": seconds,
         "peak_memory_mb": read_json(memory)["peak_memory_mb"] if memory.is_file() else None,
@@ -139,6 +141,11 @@ def region_figures(error: TrackingError, mask: Flags, size: float) -> dict[str, 
     for name, value in zip(PARTS, values, strict=True):
         figures[name] = [float(np.median(value[mask]) / size), float(np.quantile(value[mask], 0.95) / size)]
     return figures
+
+
+def saved_rows(folder: Path) -> list[dict[str, Any]]:
+    """What the registration itself says of every pose."""
+    return list(read_json(folder / "work" / "register" / "registered.json")["poses"])
 
 
 def alignment_rows(folder: Path) -> list[dict[str, Any]]:

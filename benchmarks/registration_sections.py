@@ -28,6 +28,23 @@ def ablation(results: Results, plots: dict[str, str]) -> str:
     return text + table(titles, rows) + "\n" + plots.get("registration_ablation.png", "")
 
 
+def error_bars(results: Results) -> str:
+    """Share of true errors inside their 95 % bars, where bars were made."""
+    rows = []
+    for row in of_group(results, "sequences").values():
+        for kind, groups in (row.get("error_bars") or {}).items():
+            for name, found in groups.items():
+                if found["inside"] is not None:
+                    figures = [f"{100 * found[key]:.3f}" for key in ("bar_median", "error_p95")]
+                    rows.append(
+                        [label(row), kind, name, str(found["count"]), f"{100 * found['inside']:.1f} %", *figures]
+                    )
+    if not rows:
+        return ""
+    text = "\n## Error bars\n\nShare of true errors inside their 95 % bars, all poses but the neutral. *Position*: of the place of the skin point; *motion*: without the vertex's own distance from the skin in the neutral.\n\n"
+    return text + table(["sequence", "bar", "vertices", "number", "inside", "bar, median", "true error, p95"], rows)
+
+
 def drift(results: Results) -> str:
     """Error late in a sequence beside the error early in it when motion is no part of it."""
     there, back = results.get("drift_there"), results.get("drift_there_and_back")

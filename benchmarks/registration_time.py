@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from registration_cases import Case, all_cases
+from registration_cases import NO_BARS, Case, all_cases
 from registration_measure import measure_case
 from registration_runs import (
     Bench,
@@ -63,13 +63,13 @@ def run_time(bench: Bench, force: bool) -> None:
 
 def two_cores(bench: Bench, jaw: Case) -> dict[str, Any]:
     """Wall seconds of the neutral and of two poses, refined side by side in processes of their own."""
-    case = Case("time_two_cores", TIME_GROUP, jaw.shots, order=(0, 2, 4))
+    case = Case("time_two_cores", TIME_GROUP, jaw.shots, (0, 2, 4), {"register": NO_BARS})
     capture_folder = make_photos(bench, case.shots)
     capture = compose(bench, case, capture_folder, scan_poses(bench, case, capture_folder))
     wall = {}
     for step in ("align", "neutral", "track"):
         start = time.perf_counter()
-        STEP_CALLS[step](CaseContext(capture, capture.folder, None, 1))
+        STEP_CALLS[step](CaseContext(capture, capture.folder, None, 1, case.options))
         wall[step] = time.perf_counter() - start
     start = time.perf_counter()
     with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:
@@ -82,7 +82,7 @@ def two_cores(bench: Bench, jaw: Case) -> dict[str, Any]:
 
 
 def _refine(capture: Capture, pose: str) -> None:
-    STEP_CALLS["refine"](CaseContext(capture, capture.folder, pose, 1))
+    STEP_CALLS["refine"](CaseContext(capture, capture.folder, pose, 1, {"register": NO_BARS}))
 
 
 def beside_peer(bench: Bench, jaw: Case) -> dict[str, Any]:
