@@ -1,4 +1,4 @@
-"""Draws the pictures of editing.md: python docs/editing_pictures.py (the embedded mannequin, under a minute)."""
+"""Draws the pictures of editing.md: python docs/editing_pictures.py (the embedded mannequin, about a minute)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from PIL import Image
 
 from capture_eval.cameras import Intrinsics, View, project
 from capture_eval.editing.control_targets import ControlPoint
+from capture_eval.editing.dense_correspondence import dense_correspondence
 from capture_eval.editing.example_blending import blend_whole_face
+from capture_eval.editing.expression_cloning import edit_through_template, motion_transfer
 from capture_eval.editing.expression_editor import EditOptions, ExpressionEditor
 from capture_eval.editing.principal_components import fit_components, principal_components
 from capture_eval.editing.projection import Projection
@@ -36,14 +38,14 @@ TRIANGLES = HEAD.skin.triangles()[0]
 MARK = HEAD.landmarks
 
 
-def face_view(width: int = 420, height: int = 500) -> View:
-    """A long lens on the face, a little from the left."""
+def face_view(width: int = 420, height: int = 560) -> View:
+    """A long lens on the whole head, a little from the left."""
     angle = np.radians(14.0)
     turn = np.array([[np.cos(angle), 0, -np.sin(angle)], [0, 1, 0], [np.sin(angle), 0, np.cos(angle)]])
     rotation = np.diag([1.0, -1.0, -1.0]) @ turn
-    focal = 3.5 * height
+    focal = 2.75 * height
     matrix = np.array([[focal, 0.0, width / 2], [0.0, focal, height / 2], [0.0, 0.0, 1.0]])
-    middle = rotation @ np.array([14.0, -32.0, 20.0])
+    middle = rotation @ np.array([14.0, -25.0, 20.0])
     translation = np.array([-middle[0], -middle[1], 850.0 - middle[2]])
     return View("face", Intrinsics(width, height, matrix, np.zeros(4)), rotation, translation)
 
@@ -81,7 +83,7 @@ def kinds_of_edits(editor: ExpressionEditor, view: View) -> list[list[EditPanel]
     screen = Projection.from_view(view)
     edits = {
         "one corner up": [smile("lip_corner_left", view)],
-        "lip dragged too far": [drag("lip_lower_bottom", 0, 190, view)],
+        "lip dragged too far": [drag("lip_lower_bottom", 0, 150, view)],
         "brow and lip": [drag("brow_left", -1, 8, view), drag("lip_lower_bottom", 6, 40, view)],
         "asymmetric": [
             smile("lip_corner_left", view),
@@ -140,12 +142,40 @@ def methods(editor: ExpressionEditor, view: View) -> list[list[EditPanel]]:
     return rows
 
 
+def cloned_edits(editor: ExpressionEditor, view: View) -> list[list[EditPanel]]:
+    """Another person, of whom only the neutral face is known, edited through the examples."""
+    other = build_mannequin(4)
+    rest = other.skin.vertices
+    pairs = np.array([[vertex, other.landmarks[name]] for name, vertex in MARK.items()])
+    transfer = motion_transfer(HEAD.skin, other.skin, dense_correspondence(HEAD.skin, other.skin, pairs))
+    screen = Projection.from_view(view)
+    questions: dict[str, dict[str, tuple[float, float]]] = {
+        "one-sided smile": {"lip_corner_left": (8.0, -6.0), "lip_corner_right": (0.0, 0.0)},
+        "mouth open": {"lip_lower_bottom": (4.0, 34.0)},
+        "brow down": {"brow_left": (-1.0, 7.0)},
+    }
+    rows = []
+    for title, drags in questions.items():
+        vertices = [other.landmarks[name] for name in drags]
+        starts, _ = project(view, rest[vertices])
+        targets = starts + np.array(list(drags.values()))
+        points = [ControlPoint(v, (float(p[0]), float(p[1]))) for v, p in zip(vertices, targets, strict=True)]
+        face, edit = edit_through_template(editor, transfer, points, screen)
+        reached, _ = project(view, face[vertices])
+        miss = np.linalg.norm(reached - targets, axis=1).max()
+        row = [EditPanel(title, rest, "", None, starts, targets)]
+        row.append(EditPanel("result", face, f"miss {miss:.1f} px", None, None, targets, reached))
+        rows.append([*row, EditPanel("the template", edit.vertices)])
+    return rows
+
+
 def main() -> None:
-    """Write the three pictures."""
+    """Write the four pictures."""
     view, editor = face_view(), ExpressionEditor(EXAMPLES)
     save("editing_kinds.png", kinds_of_edits(editor, view), view)
     save("editing_influence.png", influence_row(editor, view), view)
     save("editing_methods.png", methods(editor, view), view)
+    save("editing_cloned.png", cloned_edits(editor, view), view)
 
 
 if __name__ == "__main__":
