@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -85,6 +86,25 @@ def test_known_parameters_are_found_again() -> None:
     assert (fit.method.options["order"], fit.method.options["closure"]) == (3, "linear")
     assert fit.method.options["damping"] == pytest.approx(2000.0, rel=0.02)
     assert fit.train_rms < 1e-3
+
+
+def test_the_free_closure_has_its_best_bend_in_closed_form() -> None:
+    """No other η is better, and a mode without bending that mixes t and t² is met, which no other closure does."""
+    true = DynamicPde(1, mass=2.0, damping=10.0, closure="fit", closure_bend=0.7)
+    statistics = statistics_of(moved(true))
+    fit = fit_dynamic_pde(statistics, T[TRAIN], orders=(1,), closures=("fit",))
+    assert fit.train_rms < 1e-6  # R = 1: ψ = t + η(t² − t)/2 whatever τ, so that η is found exactly
+    assert fit.method.options["closure_bend"] == pytest.approx(0.7, rel=1e-6)
+    others = fit_dynamic_pde(statistics, T[TRAIN], orders=(1,), closures=("stiff", "linear"))
+    assert others.train_rms > 0.01
+
+    def cost(bend: float) -> float:
+        method = replace(fit.method, closure_bend=bend)
+        return sum(part.cost(*method.mode_warps(part.point_count, part.closed, T[TRAIN])) for part in statistics)
+
+    assert cost(0.7) < min(cost(0.69), cost(0.71))
+    with pytest.raises(InputError, match="closure_bend = nan must be finite"):
+        DynamicPde(2, closure="fit", closure_bend=np.nan)
 
 
 def test_reports_state_errors_of_held_out_poses_only() -> None:

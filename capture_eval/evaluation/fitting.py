@@ -7,7 +7,7 @@ on poses it has not looked at only (`fit_report.py`).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
@@ -18,7 +18,7 @@ from capture_eval.errors import InputError, SolverError
 from capture_eval.evaluation.mode_statistics import ModeStatistics
 from capture_eval.interpolation.dynamic_pde import DynamicPde
 from capture_eval.interpolation.time_warps import BetaInterpolation, PowerInterpolation, TimeWarp
-from capture_eval.interpolation.warps import CLOSURES
+from capture_eval.interpolation.warps import CLOSURES, zero_mode_warp
 
 Floats = NDArray[np.float64]
 
@@ -56,7 +56,7 @@ def fit_dynamic_pde(
 
     Every order and closure is tried on a grid of c/k and m/k and refined by Nelder and Mead's search from the best
     places of the grid. Parameters that are singular, or whose warps run backwards or past the end by more than 1 %,
-    are refused.
+    are refused. The free number η of the closure ``fit`` has its best value for every c/k and m/k in closed form.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def fit_dynamic_pde(
             candidates = _search(statistics, times, order, closure, starts)
         for place, cost in candidates:
             if cost < best[0]:
-                best = cost, _pde(order, closure, place)
+                best = cost, _pde(statistics, times, order, closure, place)
     if best[1] is None:
         raise SolverError("no parameters of the dynamic PDE that were tried have warps that rise")
     return Fit(best[1], _root_mean_square(best[0], statistics, times))
@@ -140,8 +140,24 @@ def _timing_cost(
     return cost
 
 
-def _pde(order: int, closure: str, place: tuple[float, float]) -> DynamicPde:
-    return DynamicPde(order, mass=10.0 ** place[1], damping=10.0 ** place[0], rigidity=1.0, closure=closure)
+def _pde(
+    statistics: Sequence[ModeStatistics], times: Floats, order: int, closure: str, place: tuple[float, float]
+) -> DynamicPde:
+    method = DynamicPde(order, mass=10.0 ** place[1], damping=10.0 ** place[0], rigidity=1.0, closure=closure)
+    return replace(method, closure_bend=_best_bend(statistics, times, method)) if closure == "fit" else method
+
+
+def _best_bend(statistics: Sequence[ModeStatistics], times: Floats, method: DynamicPde) -> float:
+    """η with the least squared error, ψ = t + η h: the errors are quadratic in it."""
+    unit = 10.0 ** -round(method.order * max(0.0, np.log10(method.mass / method.damping)))  # h grows like (m/c)^R
+    still = zero_mode_warp("fit", method.order, method.mass, method.damping, times, unit) - times
+    along, squares = 0.0, 0.0
+    for part in statistics:
+        _, moving = method.mode_warps(part.point_count, part.closed, times)
+        wanted = part.along[:, 0] - moving[:, : len(part.size) - 1] @ part.cross[1:] - times * part.size[0]
+        along += float(still @ wanted)
+        squares += float(still @ still) * float(part.size[0])
+    return unit * along / squares if squares > 0 else 0.0
 
 
 def _pde_cost(
@@ -153,7 +169,7 @@ def _pde_cost(
     cost = 0.0
     moments = np.concatenate([times, _CHECKED])
     try:
-        method = _pde(order, closure, place)
+        method = _pde(statistics, times, order, closure, place)
         for part in statistics:
             still, moving = method.mode_warps(part.point_count, part.closed, moments)
             warps = np.column_stack([still, moving])

@@ -42,6 +42,8 @@ class DynamicPde:
         bending obeys the same formula as the others and ``closure`` is not used.
     closure : str
         What settles the third unknown of the mode without bending, see `zero_mode_warp`.
+    closure_bend : float
+        η of the closure ``fit``, whose value comes from a fit to poses (`evaluation/fitting.py`); 0 is ``linear``.
     harmonics : int, optional
         N, number of harmonics that follow the PDE; all by default.
     exact_ends : bool
@@ -61,6 +63,7 @@ class DynamicPde:
     rigidity: float = 1.0
     foundation: float = 0.0
     closure: str = "stiff"
+    closure_bend: float = 0.0
     harmonics: int | None = None
     exact_ends: bool = True
 
@@ -76,6 +79,8 @@ class DynamicPde:
             raise InputError(f"dynamic PDE: harmonics = {self.harmonics} must be 0 or more")
         if self.closure not in CLOSURES:
             raise InputError(f"unknown zero-mode closure '{self.closure}'; known are {', '.join(CLOSURES)}")
+        if not np.isfinite(self.closure_bend):
+            raise InputError(f"dynamic PDE: closure_bend = {self.closure_bend} must be finite")
         self._still_warp(np.array([0.0, 1.0]))
 
     @property
@@ -158,7 +163,7 @@ class DynamicPde:
             alpha, mu = self.damping / self.foundation, self.mass / self.foundation
             still: Floats = harmonic_warps(self.order, [alpha], [mu], times, first_harmonic=0)[:, 0]
             return still
-        return zero_mode_warp(self.closure, self.order, self.mass, self.damping, times)
+        return zero_mode_warp(self.closure, self.order, self.mass, self.damping, times, self.closure_bend)
 
     def warnings(self, point_count: int, closed: bool) -> list[str]:
         """Modes of such a curve that run backwards or past their end, and zero-mode closures that leak."""

@@ -20,7 +20,7 @@ from capture_eval.errors import InputError, SolverError
 
 Floats = NDArray[np.float64]
 
-CLOSURES = ("stiff", "linear", "ebar0", "rest", "minforce")
+CLOSURES = ("stiff", "linear", "ebar0", "rest", "minforce", "fit")
 NEAR_SINGULAR = 1e-9  # share of the largest term below which their sum is cancellation, not a number
 
 
@@ -98,7 +98,9 @@ def _warp_terms(order: int, alpha: Floats, mu: Floats) -> Floats:
     return np.array(rows)
 
 
-def zero_mode_warp(closure: str, order: int, mass: float, damping: float, times: ArrayLike) -> Floats:
+def zero_mode_warp(
+    closure: str, order: int, mass: float, damping: float, times: ArrayLike, bend: float = 0.0
+) -> Floats:
     """ψ(t), the warp of the mode without stiffness (mean of a closed curve, end points of an open one).
 
     Parameters
@@ -109,12 +111,15 @@ def zero_mode_warp(closure: str, order: int, mass: float, damping: float, times:
         ``ebar0``: no constant force (ē = 0).
         ``rest``: starts at rest (ψ'(0) = 0).
         ``minforce``: the least ∫ f² dt.
+        ``fit``: ``t + η h(t)``, the whole family, of which the others (without ``stiff``) are members.
     order : int
         R.
     mass, damping : float
-        m and c; only τ = m/c matters. The last three closures divide by c.
+        m and c; only τ = m/c matters. The last four closures divide by c.
     times : (T,)
         Moments.
+    bend : float
+        η of ``fit``, for ``h = q̃(t) − q̃(1) t``, ``q̃ = Σ_r (−τ)^(R+1−r) (R!/r!) t^r``.
 
     Returns
     -------
@@ -147,6 +152,8 @@ def zero_mode_warp(closure: str, order: int, mass: float, damping: float, times:
             for r in range(1, order + 2)
         ]
     )
+    if closure == "fit":
+        return moments + bend * scale**order * (_polynomial(terms, moments) - float(terms.sum()) * moments)
     if closure == "minforce":
         return _least_force(order, terms, scale, moments)
     if closure == "rest":

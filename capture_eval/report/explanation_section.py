@@ -82,8 +82,8 @@ def _parameters(options: Any) -> str:
         return f"own ones for each of {len(options)} curves"
     shown = {
         key: options[key]
-        for key in ("order", "closure", "mass", "damping", "exponent", "rise", "settle")
-        if key in options
+        for key in ("order", "closure", "closure_bend", "mass", "damping", "exponent", "rise", "settle")
+        if key in options and (key != "closure_bend" or options["closure"] == "fit")
     }
     return ", ".join(
         f"{key} {value:.3g}" if isinstance(value, float) else f"{key} {value}" for key, value in shown.items()
