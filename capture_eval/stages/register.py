@@ -103,7 +103,9 @@ def register_neutral(
     quality = _quality(parts, refined, photos, scan, skin, options)
     evidence = pose_evidence(None, refined.stereo, quality.seen & skin, is_neutral=True)
     believed(neutral, evidence, options.reliability)
-    sliding = neutral_landmark_spread(work / neutral, landmarks, parts, working, skin, scan, fit.vertices, options)
+    sliding = neutral_landmark_spread(
+        work / neutral, landmarks, parts, working, skin, scan, trust, fit.vertices, options
+    )
     write_npz(
         folder / "neutral.npz",
         {"before_rounds": parts.unit * fit.vertices, "skin": skin, "scan_trust": trust}

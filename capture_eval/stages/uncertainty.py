@@ -104,6 +104,7 @@ def neutral_landmark_spread(
     working: Similarity,
     skin: Booleans,
     scan: Surface,
+    scan_trust: Floats,
     fitted: Floats,
     options: RegisterOptions,
 ) -> Floats:
@@ -117,7 +118,9 @@ def neutral_landmark_spread(
     if not placed:
         return np.full(len(fitted), np.nan)
     rest = parts.working_from_head.apply(parts.mesh.vertices)
-    repeats = [fit_template(rest, parts.triangles, skin, scan, one, options.neutral).vertices for one in placed]
+    repeats = [
+        fit_template(rest, parts.triangles, skin, scan, one, options.neutral, scan_trust).vertices for one in placed
+    ]
     return repeat_spread(fitted, repeats, parts.triangles)
 
 
