@@ -268,7 +268,7 @@ def _facts(results: SavedResults) -> list[tuple[str, str]]:
     taken = sum(pose.figures.get("photos", 0.0) for pose in results.poses)
     placed = sum(pose.figures.get("registered", 0.0) for pose in results.poses)
     used = sum(bool(np.any(np.isfinite(row))) for row in np.moveaxis(results.errors.average, 1, 0))
-    floor = noise_floor(results.summary)
+    floor = results.summary.get("noise_floor")
     facts = [("Poses with a result", f"{good} of {len(results.poses)}")]
     if taken:
         facts.append(("Photos placed", f"{placed:.0f} of {taken:.0f}"))
@@ -277,7 +277,7 @@ def _facts(results: SavedResults) -> list[tuple[str, str]]:
         ("Curve points that count", f"{int(results.curves.counted.sum()):,} of {len(results.curves.counted):,}")
     )
     facts.append(("D, in template units", f"{results.diameter:.2f}"))
-    facts.append(("Noise floor", "not measured" if floor is None else f"{percent(floor.mean)} of D"))
+    facts.append(("Noise floor", "not measured" if floor is None else f"{percent(float(floor))} of D"))
     facts += error_bar_fact(results.faces, results.diameter, results.summary)
     if results.faces is not None:
         facts.append(("Vertices", f"{results.faces.vertices.shape[1]:,}"))
