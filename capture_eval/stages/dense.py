@@ -44,7 +44,8 @@ logger = logging.getLogger("capture_eval.dense")
 
 BACKENDS = ("auto", "cpu", "cuda")
 FUSIONS = ("own", "colmap")
-_CACHED_PHOTOS = 32  # bounds the memory: about 10 bytes a pixel for each pyramid, 20 for each map
+_CACHED_PHOTOS = 32
+_CACHED_PIXELS = 50_000_000  # of all photos kept; a pyramid takes 17 bytes a pixel, a depth map with its worth 20
 
 
 @dataclass(frozen=True)
@@ -225,6 +226,12 @@ def _cuda_maps(workspace: DenseWorkspace, options: DenseOptions) -> None:
     pycolmap.patch_match_stereo(str(workspace.folder), options=settings)
 
 
+def _kept_photos(workspace: DenseWorkspace) -> int:
+    """How many photos (or maps) stay in memory: what bounds it, whatever their number and size."""
+    largest = max(view.intrinsics.width * view.intrinsics.height for view in workspace.views)
+    return int(np.clip(_CACHED_PIXELS // largest, 2, _CACHED_PHOTOS))
+
+
 class _Photos:
     """Pyramids of the photos, the most recent ones kept."""
 
@@ -233,7 +240,7 @@ class _Photos:
         self._options = options
         sizes = [(view.intrinsics.width, view.intrinsics.height) for view in workspace.views]
         self.levels = max(level_count(width, height) for width, height in sizes)
-        self.pyramid = lru_cache(maxsize=_CACHED_PHOTOS)(self._load)
+        self.pyramid = lru_cache(maxsize=_kept_photos(workspace))(self._load)
 
     def _load(self, index: int) -> Pyramid:
         view = self._workspace.views[index]
@@ -324,7 +331,7 @@ def _filter_maps(
     workspace: DenseWorkspace, neighbours: Sequence[NDArray[np.int64]], stage: str, options: DenseOptions
 ) -> list[dict[str, Any]]:
     """Geometric maps: what other photos confirm."""
-    load = lru_cache(maxsize=_CACHED_PHOTOS)(lambda index: _read_depth_map(workspace, index, stage, options))
+    load = lru_cache(maxsize=_kept_photos(workspace))(lambda index: _read_depth_map(workspace, index, stage, options))
     rows = []
     # COLMAP's own maps are read until the last photo is done, so theirs are replaced only then.
     kept_under = "geometric" if stage == "photometric" else "filtered"
