@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -144,9 +144,15 @@ def evaluate_curves(
     average, maximum = np.full(shape, np.nan), np.full(shape, np.nan)
     n_points = np.zeros(shape[1:], dtype=np.int64)
     predictions: dict[str, tuple[Floats, ...]] = {}
+    known = [np.atleast_1d(np.isfinite(positions).all(axis=(1, 2))) for positions in curves.positions]
     for k, (name, method) in enumerate(methods.items()):
         keys = _key_poses(name, method, times)
-        predictions[name] = tuple(_predict(curves, n, times, name, method, keys) for n in range(len(curves)))
+        given = [0, len(times) - 1, *keys.tolist()]
+        predict = _predictor(method, keys, times)
+        predictions[name] = tuple(
+            _predict(curves, n, name, predict) if known[n][given].all() else np.full(curves.positions[n].shape, np.nan)
+            for n in range(len(curves))
+        )
         for n, predicted in enumerate(predictions[name]):
             errors = point_errors(predicted[1:-1], curves.positions[n][1:-1], diameter)
             average[k, n], maximum[k, n], found = average_and_maximum(errors, counted[n])
@@ -168,15 +174,19 @@ def _key_poses(name: str, method: InterpolationMethod, times: Floats) -> NDArray
     return np.asarray(nearest, dtype=np.int64)
 
 
-def _predict(
-    curves: CurveSet, n: int, times: Floats, name: str, method: InterpolationMethod, keys: NDArray[np.int64]
-) -> Floats:
-    curve, positions = curves.curves[n], curves.positions[n]
-    if not np.isfinite(positions[[0, -1, *keys.tolist()]]).all():
-        return np.full(positions.shape, np.nan)
+def _predictor(method: InterpolationMethod, keys: NDArray[np.int64], times: Floats) -> Callable[[Floats, bool], Floats]:
+    """Prediction of a curve from its true positions; what kind of method it is takes longer to ask than to predict."""
+    if isinstance(method, KeyPoseMethod):
+        splines = method
+        return lambda positions, closed: splines.predict_with_keys(
+            positions[0], positions[keys], positions[-1], closed, times
+        )
+    return lambda positions, closed: method.predict(positions[0], positions[-1], closed, times)
+
+
+def _predict(curves: CurveSet, n: int, name: str, predict: Callable[[Floats, bool], Floats]) -> Floats:
+    curve = curves.curves[n]
     try:
-        if isinstance(method, KeyPoseMethod):
-            return method.predict_with_keys(positions[0], positions[keys], positions[-1], curve.closed, times)
-        return method.predict(positions[0], positions[-1], curve.closed, times)
+        return predict(curves.positions[n], curve.closed)
     except ValueError as problem:
         raise type(problem)(f"method '{name}', curve '{curve.name}': {problem}") from problem

@@ -45,7 +45,8 @@ def point_errors(predicted: Floats, truth: Floats, diameter: float) -> Floats:
             f"predicted {predicted.shape} and true {truth.shape} positions must be equal (times, points, 3)"
         )
     check_diameter(diameter)
-    errors: Floats = np.linalg.norm(predicted - truth, axis=-1) / diameter
+    difference = predicted - truth
+    errors: Floats = np.sqrt(np.einsum("tmi,tmi->tm", difference, difference)) / diameter
     return errors
 
 

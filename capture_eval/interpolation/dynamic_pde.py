@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -110,7 +111,7 @@ class DynamicPde:
         """
         first, last, moments = check_curve_pair(start, end, closed, times)
         displacement = last - first
-        still, moving = self.mode_warps(len(first), closed, moments)
+        still, moving = _kept_warps(self, len(first), bool(closed), moments.tobytes())
         if self.exact_ends:
             power = moments**self.order
             base = follow_chord(first, last, power)
@@ -169,3 +170,12 @@ class DynamicPde:
         """Modes of such a curve that run backwards or past their end, and zero-mode closures that leak."""
         still, moving = self.mode_warps(point_count, closed, SAMPLES)
         return describe_warps(self.title, still, moving)
+
+
+@lru_cache(maxsize=8)
+def _kept_warps(method: DynamicPde, point_count: int, closed: bool, moments: bytes) -> tuple[Floats, Floats]:
+    """Kept, since curves of one size follow one after the other at the same times; few, as they can be large."""
+    still, moving = method.mode_warps(point_count, closed, np.frombuffer(moments))
+    still.setflags(write=False)
+    moving.setflags(write=False)
+    return still, moving

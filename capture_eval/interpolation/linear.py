@@ -45,5 +45,9 @@ class LinearInterpolation:
 
 def follow_chord(start: Floats, end: Floats, progress: Floats) -> Floats:
     """Points on the straight paths, (T, M, 3), at the share ``progress`` (T,) of the way; both ends are met exactly."""
-    share = progress[:, None, None]
-    return np.where(share < 0.5, start + share * (end - start), end - (1.0 - share) * (end - start))
+    share, chord = progress[:, None, None], end - start
+    early = progress < 0.5
+    found = np.empty((len(progress), *chord.shape))
+    found[early] = start + share[early] * chord
+    found[~early] = end - (1.0 - share[~early]) * chord
+    return found

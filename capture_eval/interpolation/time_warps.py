@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -180,5 +181,11 @@ class MonotoneInterpolation(TimeWarp):
 
     def progress(self, times: Floats) -> Floats:
         """φ at the times."""
-        curve = PchipInterpolator([0.0, *self.times, 1.0], [0.0, *self.shares, 1.0])
+        curve = _monotone_cubic((0.0, *self.times, 1.0), (0.0, *self.shares, 1.0))
         return np.asarray(curve(times), dtype=np.float64)
+
+
+@lru_cache(maxsize=8)
+def _monotone_cubic(times: tuple[float, ...], shares: tuple[float, ...]) -> PchipInterpolator:
+    """Kept, since making one takes longer than moving a curve by it."""
+    return PchipInterpolator(times, shares)
