@@ -1,10 +1,10 @@
 """The noisy crust of fused clouds: where it comes from, and that it is gone.
 
 Beyond an outline a patch still sees the edge, so every photo continues the surface a few pixels into the backdrop, and
-depth maps agree on that well enough for COLMAP's fusion. What keeps it out of the cloud is the comparison of normals;
-maps whose normals are laid out as the `NormalMap.write` of pycolmap 4.2.1 leaves them (a pixel's three numbers side by
-side, while its fusion reads one channel after the other) have no normals worth comparing, and whoever then loosens that check
-to get any points gets the crust too.
+depth maps agree on that well enough for COLMAP's fusion. What keeps it out of the cloud is the comparison of normals.
+Maps whose normals are laid out as the `NormalMap.write` of pycolmap 4.2.1 leaves them (a pixel's three numbers side by
+side, while its fusion reads one channel after the other) have no normals worth comparing, and whoever then loosens
+that check to get any points gets the crust too.
 """
 
 import shutil
