@@ -19,6 +19,7 @@ from capture_eval.errors import CaptureEvalError, StageError
 VERBS = (
     ("synthesize", "synthesize", "synthesize"),
     ("validate", "validate", "validate"),
+    ("landmarks", "landmarks", "landmarks"),
     ("run", "run", "run"),
     ("compare", "compare", "compare"),
     ("check", "check", "check"),

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture_eval.errors import InputError
+from capture_eval.files.atomic import write_text
 from capture_eval.files.manifest_files import read_yaml
 
 
@@ -53,6 +54,36 @@ def read_landmarks(path: Path, vertex_count: int) -> list[Landmark]:
     if doubles:
         raise InputError(f"{path}: landmark {doubles[0]} is listed twice")
     return landmarks
+
+
+def read_landmark_rows(path: Path, vertex_count: int) -> list[dict[str, Any]]:
+    """Read landmarks as they stand in the file, for changing them; rows without a place yet are allowed.
+
+    Raises
+    ------
+    InputError
+        As :func:`read_landmarks`, but for a missing place.
+    """
+    document = read_yaml(path)
+    rows = document.get("landmarks") if isinstance(document, dict) else None
+    if not isinstance(rows, list) or not rows:
+        raise InputError(f"{path}: no list 'landmarks'")
+    names = set[str]()
+    for number, row in enumerate(rows):
+        placed = not isinstance(row, dict) or bool(row.get("photos")) or row.get("point") is not None
+        name = _landmark(path, number, row if placed else row | {"point": [0.0, 0.0, 0.0]}, vertex_count).name
+        if name in names:
+            raise InputError(f"{path}: landmark {name} is listed twice")
+        names.add(name)
+    return rows
+
+
+def write_landmark_rows(path: Path, rows: list[dict[str, Any]]) -> None:
+    """Write landmarks; the file is there whole or not at all."""
+    import yaml
+
+    text = yaml.safe_dump({"landmarks": rows}, sort_keys=False, default_flow_style=None, width=110, allow_unicode=True)
+    write_text(path, text)
 
 
 def _landmark(path: Path, number: int, row: Any, vertex_count: int) -> Landmark:
