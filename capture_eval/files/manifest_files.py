@@ -89,6 +89,10 @@ class CameraEntry(ManifestModel):
         default=None,
         description="JSON with known intrinsics and extrinsics of every photo (layout of truth/cameras.json)",
     )
+    fixed_rig: bool = Field(
+        default=False,
+        description="the cameras stay where they are: photos of one name are taken by one camera in every pose",
+    )
 
 
 class DenseEntry(ManifestModel):
@@ -147,6 +151,10 @@ class Manifest(ManifestModel):
     template: TemplateEntry | None = None
     rigid_region: list[Annotated[int, Field(ge=0)]] | RelativePath | None = Field(
         default=None, description="template vertices that do not move (skull): a list, or a JSON or YAML file with one"
+    )
+    markers: RelativePath | None = Field(
+        default=None,
+        description="named points of the poses that do not move, or the family of printed tags to look for",
     )
     curves: RelativePath | None = None
     methods: Annotated[list[str | MethodEntry], Field(min_length=1)] = Field(
@@ -251,6 +259,8 @@ def named_paths(manifest: Manifest) -> Iterator[tuple[str, str]]:
         yield "camera.known_views", manifest.camera.known_views
     if isinstance(manifest.rigid_region, str):
         yield "rigid_region", manifest.rigid_region
+    if manifest.markers is not None:
+        yield "markers", manifest.markers
     if manifest.curves is not None:
         yield "curves", manifest.curves
     for relative in manifest.sha256:

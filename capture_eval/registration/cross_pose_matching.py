@@ -107,6 +107,15 @@ class ObservedPoints:
         distance = np.linalg.norm(self.points - np.median(self.points, axis=0), axis=1)
         return float(2.0 * np.quantile(distance, 0.9))
 
+    def restricted(self, rows: NDArray[np.int64]) -> ObservedPoints:
+        """Only the points of some rows, each once."""
+        chosen = np.unique(rows)
+        number = np.full(len(self.points), -1, dtype=np.int64)
+        number[chosen] = np.arange(len(chosen))
+        owner = number[self.point_of_descriptor]
+        kept = owner >= 0
+        return ObservedPoints(self.points[chosen], self.descriptors[kept], owner[kept], self.footprint)
+
 
 def match_observed_points(
     first: ObservedPoints, second: ObservedPoints, ratio: float = 0.85

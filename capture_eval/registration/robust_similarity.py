@@ -94,6 +94,12 @@ def fit_robust_similarity(
     return SimilarityFit(fit, inliers, residual)
 
 
+def refine_similarity(source: Floats, target: Floats, start: Similarity, limit: float) -> SimilarityFit:
+    """Similarity of all pairs (N, 3) that agree with a start to within `limit` (Tukey)."""
+    fit, residual = _tukey(source, target, start, limit, limit)
+    return SimilarityFit(fit, residual < limit, residual)
+
+
 def _sample(source: Floats, target: Floats, limit: float, trials: int, seed: int) -> tuple[int, Similarity]:
     """Hypothesis of three pairs with the largest truncated support."""
     random = np.random.default_rng(seed)

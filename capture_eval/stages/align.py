@@ -6,20 +6,23 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from capture_eval.cameras import View, project
-from capture_eval.errors import InputError
+from capture_eval.errors import InputError, RegistrationError
 from capture_eval.files.atomic import read_json, read_npz, write_json, write_npz
 from capture_eval.files.colmap_files import read_features, read_sparse_model
 from capture_eval.registration.cross_pose_matching import ObservedPoints
+from capture_eval.registration.marker_alignment import align_by_markers
 from capture_eval.registration.nonrigid_icp import WORKING_SIZE
 from capture_eval.registration.pose_alignment import AlignedPose, AlignmentOptions, align_all_poses
+from capture_eval.registration.rig_alignment import align_by_rig
 from capture_eval.similarity import Similarity
+from capture_eval.stages.align_inputs import load_markers, load_photographed_points
 from capture_eval.stages.registration_inputs import load_template, place_landmarks
 
 logger = logging.getLogger("capture_eval.align")
@@ -36,8 +39,16 @@ class AlignOptions:
     Attributes
     ----------
     limits : AlignmentOptions
+    method : str
+        `auto` takes the surest that the other options allow: a shared frame, markers, a fixed rig, matches.
+        `markers`, `rig` and `matches` ask for one of them.
     shared_frame : bool
-        The poses' cameras are already in one frame (a known rig): every similarity is the identity.
+        The poses' cameras are already in one frame (known cameras): every similarity is the identity.
+    markers : Path or None
+        Marker file.
+    fixed_rig : bool
+        The cameras stay where they are: photos of one name are taken by one camera in every pose. The frame is
+        then the rig's; a head that moves in it is put back by the register stage, from the skin at rest.
     rigid_region : tuple of int or None
         Template vertices that do not move (skull). Needs `template` and `landmarks`; only points near them are
         used then. Without it the rigid majority of all points decides.
@@ -45,7 +56,10 @@ class AlignOptions:
     """
 
     limits: AlignmentOptions = field(default_factory=AlignmentOptions)
+    method: Literal["auto", "matches", "markers", "rig"] = "auto"
     shared_frame: bool = False
+    markers: Path | None = None
+    fixed_rig: bool = False
     rigid_region: tuple[int, ...] | None = None
     template: Path | None = None
     landmarks: Path | None = None
@@ -104,22 +118,58 @@ def align_poses(work: Path, pose_names: Sequence[str], options: AlignOptions) ->
     for name in pose_names:
         usable = pose_status(work, name, "sparse") == "ok"
         observed.append(load_observed_points(work / name) if usable else None)
-    if options.shared_frame:
-        identity = AlignedPose(Similarity.identity(), 0.0, 0, 0, "rig", "")
-        failed = AlignedPose(None, float("nan"), 0, 0, "", "no reconstruction")
-        poses = [failed if points is None else identity for points in observed]
-    else:
-        poses = align_all_poses(observed, options.limits, _rigid_points(work / pose_names[0], observed[0], options))
     neutral = observed[0]
     if neutral is None:
-        raise InputError(f"{work / pose_names[0]}: the neutral pose has no reconstruction")
+        raise RegistrationError(f"{work / pose_names[0]}: the neutral pose has no reconstruction")
+    method = chosen_method(options)
+    logger.info("align: %d poses by %s", len(pose_names), method)
+    poses = _aligned(method, work, pose_names, observed, options)
     rows = [_row(name, pose, neutral) for name, pose in zip(pose_names, poses, strict=True)]
     for row in rows:
         logger.info("align %s: %s %s", row["pose"], row["status"], row["reason"])
     _save(work / "align" / "alignment.npz", pose_names, poses)
-    quality = {"extent": neutral.extent, "pixel": neutral.footprint, "poses": rows}
+    quality = {"method": method, "extent": neutral.extent, "pixel": neutral.footprint, "poses": rows}
     write_json(work / "align" / "alignment.json", quality)
     return quality
+
+
+def chosen_method(options: AlignOptions) -> str:
+    """What the poses are aligned by: `shared frame`, `markers`, `rig` or `matches`."""
+    if options.method == "auto":
+        if options.shared_frame:
+            return "shared frame"
+        if options.markers is not None:
+            return "markers"
+        return "rig" if options.fixed_rig else "matches"
+    if options.method == "markers" and options.markers is None:
+        raise InputError("align: method markers needs a marker file (key `markers` of the manifest)")
+    return options.method
+
+
+def _aligned(
+    method: str,
+    work: Path,
+    pose_names: Sequence[str],
+    observed: Sequence[ObservedPoints | None],
+    options: AlignOptions,
+) -> list[AlignedPose]:
+    neutral = observed[0]
+    identity = AlignedPose(Similarity.identity(), 0.0, 0, 0, "rig", "")
+    if method == "matches" or neutral is None:
+        return align_all_poses(observed, options.limits, _rigid_points(work / pose_names[0], neutral, options))
+    if method == "markers" and options.markers is not None:
+        usable = [points is not None for points in observed]
+        placed = load_markers(work, pose_names, usable, options.markers)
+        return align_by_markers(placed, neutral.footprint, options.limits)
+    if method == "rig":
+        _, views = load_photographed_points(work / pose_names[0])
+        results = [identity]
+        for name, points in zip(pose_names[1:], observed[1:], strict=True):
+            seen = None if points is None else load_photographed_points(work / name)[0]
+            results.append(align_by_rig(views, seen, neutral.footprint, options.limits))
+        return results
+    failed = AlignedPose(None, float("nan"), 0, 0, "", "no reconstruction")
+    return [failed if points is None else identity for points in observed]
 
 
 def _rigid_points(neutral: Path, observed: ObservedPoints | None, options: AlignOptions) -> NDArray[np.bool_] | None:

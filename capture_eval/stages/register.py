@@ -185,7 +185,7 @@ def _quality(
 def _pose_solver(parts: Template, neutral: dict[str, NDArray[Any]]) -> DeformationSolver:
     """Solver whose rest shape is the registered neutral, working frame."""
     operators = build_mesh_operators(neutral["vertices"] / parts.unit, parts.triangles)
-    return DeformationSolver(operators, hidden_stiffness(neutral["skin"]), neutral["scan_trust"])
+    return DeformationSolver(operators, hidden_stiffness(neutral["skin"]), neutral.get("scan_trust"))
 
 
 def _saved(

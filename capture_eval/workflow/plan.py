@@ -220,9 +220,12 @@ class _Keys:
             photos = self._hashes.of_files(list_photos(self._capture.resolve(pose.photos or "")))
             masks = {} if pose.masks is None else self._hashes.of_files(list_photos(self._capture.resolve(pose.masks)))
             return {"photos": photos, "masks": masks, "known_views": self._file(manifest.camera.known_views)}
-        if name in ("align", "neutral") and manifest.template is not None:
+        if name in ("align", "neutral"):
             region = manifest.rigid_region
-            return {
+            markers = {"markers": self._file(manifest.markers)} if name == "align" else {}
+            if manifest.template is None:
+                return markers
+            return markers | {
                 "template": {key: self._file(value) for key, value in manifest.template.model_dump().items()},
                 "rigid_region": self._file(region) if isinstance(region, str) else region,
             }

@@ -120,6 +120,8 @@ def _implied(capture: Capture, stage: str) -> dict[str, Any]:
         template = manifest.template
         return {
             "shared_frame": manifest.camera.known_views is not None,
+            "fixed_rig": manifest.camera.fixed_rig,
+            "markers": None if manifest.markers is None else capture.resolve(manifest.markers),
             "rigid_region": rigid_region(capture),
             "template": None if template is None else capture.resolve(template.mesh),
             "landmarks": None if template is None else capture.resolve(template.landmarks),
