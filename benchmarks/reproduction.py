@@ -268,7 +268,12 @@ def chapter_fitting(every: list[Subject]) -> list[str]:
         cells = [f"{1e3 * row['LAE']:.1f} / {1e3 * row['rms']:.1f}" for row in found]
         cells[1] += f" ({found[1]['options']['order']}, `{found[1]['options']['closure']}`)"
         lines.append(f"| {name} | {' | '.join(cells)} |")
-    return [*lines, "", "One real exponent of time does what four fitted PDE parameters do, or better.", ""]
+    return [
+        *lines,
+        "",
+        "One real exponent of time does as well as the five fitted PDE numbers (R, closure with its η, m/k, c/k): RMS within 0.1, and 1.7 times less for t^1.6. None of either follows a smoothstep; two parameters of a Beta timing do.",
+        "",
+    ]
 
 
 def chapter_formulas() -> list[str]:
