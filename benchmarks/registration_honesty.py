@@ -25,6 +25,7 @@ import yaml
 
 from capture_eval.errors import CaptureEvalError
 from capture_eval.files.manifest_files import read_manifest
+from capture_eval.stages.reliability import troubled_poses
 from capture_eval.workflow.step_calls import STEP_CALLS, StepContext
 
 WRONG = 2  # the pose that is made wrong
@@ -99,15 +100,10 @@ def run_case(setting: Setting, name: str) -> dict[str, Any]:
     except CaptureEvalError as error:
         return {"case": name, "reported": True, "where": f"stage {case.step} stops", "words": str(error), "poses": []}
     rows = json.loads((case.work / "register" / "registered.json").read_text())["poses"]
-    words = []
     for row in rows:
         found = case.work / row["pose"] / "registered.json"
         row["evidence"] = json.loads(found.read_text()).get("evidence") if found.is_file() else None
-        tracked = json.loads((case.work / "register" / "tracking.json").read_text())["poses"]
-        reason = next((one["reason"] for one in tracked if one["pose"] == row["pose"] and one["reason"]), row["reason"])
-        told = [reason, *row["doubts"]] if reason else row["doubts"]
-        if told:
-            words.append(f"{row['pose']} {row['status']}: {'; '.join(told)}")
+    words = troubled_poses(case.folder / "result")
     seconds = round(time.process_time() - started, 1)
     return {
         "case": name, "reported": bool(words), "where": "row of the pose", "words": " | ".join(words), "poses": rows,

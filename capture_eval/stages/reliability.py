@@ -79,13 +79,15 @@ def pose_doubts(
 
 def troubled_poses(out: Path) -> list[str]:
     """One line per pose of a finished registration that failed or is doubtful: its name and why."""
-    folder = out / "work" / "register"
+    work = out / "work"
+    aligned, tracked, registered = (
+        _rows(work / name) for name in ("align/alignment.json", "register/tracking.json", "register/registered.json")
+    )
     lines = []
-    rows = {name: _rows(folder / f"{name}.json") for name in ("tracking", "registered")}
-    for pose, row in rows["registered"].items():
-        tracked = rows["tracking"].get(pose, {})
+    for pose, row in registered.items():
         if row.get("status") != "ok":
-            lines.append(f"{pose} has no result: {tracked.get('reason') or row.get('reason')}")
+            reasons = [found.get(pose, {}).get("reason") for found in (aligned, tracked)]
+            lines.append(f"{pose} has no result: {next(filter(None, reasons), row.get('reason'))}")
         lines += [f"{pose} is doubtful: {text}" for text in row.get("doubts") or []]
     return lines
 
