@@ -27,7 +27,7 @@ from capture_eval.reconstruction.patch_match import (
     plane_normals,
     sampling_pattern,
 )
-from capture_eval.reconstruction.point_fusion import CellFusion, PointCloud, average_in_cells
+from capture_eval.reconstruction.point_fusion import CellFusion, PointCloud, average_in_cells, clearly_uncertain
 from capture_eval.reconstruction.view_selection import choose_sources, depth_range, pair_scores
 
 WIDTH, HEIGHT, FOCAL = 160, 120, 300.0
@@ -314,6 +314,12 @@ def test_cells_grow_where_photos_are_far() -> None:
     close, far = np.count_nonzero(found[:, 0] < 50), np.count_nonzero(found[:, 0] > 50)
     assert 64 <= close <= 125
     assert 64 <= far <= 125
+
+
+def test_points_are_uncertain_by_the_measure_of_their_photos() -> None:
+    deviation = np.array([1.0, 1.1, 0.9, 6.0, 16.0, 17.0, 95.0])
+    edges = np.array([1.0, 1.0, 1.0, 1.0, 16.0, 16.0, 16.0])  # the last three are seen from far away
+    assert clearly_uncertain(deviation, edges, 5.0).tolist() == [False, False, False, True, False, False, True]
 
 
 @settings(max_examples=25, deadline=None)

@@ -121,11 +121,27 @@ class CellFusion:
         self._weight = np.add.reduceat(np.concatenate([self._weight, weight])[order], starts)
         self._sums = np.add.reduceat(np.concatenate([self._sums, sums])[order], starts, axis=0)
 
+    def edges(self) -> Floats:
+        """Edge of the cell (N,) of every point of `cloud`."""
+        levels = self._keys % (_COARSEST - _FINEST + 1) + _FINEST
+        return np.asarray(self._spacing * 2.0**levels)
+
     def cloud(self) -> PointCloud:
         """One point per cell, ordered by cell."""
         table = self._sums / np.maximum(self._weight, 1e-300)[:, None]
         table[:, 3:6] /= np.maximum(np.linalg.norm(table[:, 3:6], axis=1, keepdims=True), 1e-12)
         return _from_table(table, self._weight.copy())
+
+
+def clearly_uncertain(deviation: Floats, edges: Floats, times: float) -> NDArray[np.bool_]:
+    """Points (N,) whose deviation, in cells, is more than so many times the median.
+
+    Depth maps that continue an outline into the backdrop, or a rim over a hollow, agree only roughly: such points are
+    a few percent of a cloud and most of its crust.
+    """
+    relative = deviation / edges
+    usual = float(np.median(relative))
+    return np.asarray((relative > times * usual) & (usual > 0))
 
 
 def average_in_cells(cloud: PointCloud, spacing: float) -> PointCloud:

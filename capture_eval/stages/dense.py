@@ -68,6 +68,8 @@ class DenseOptions:
         Distance of fused points in pixels of the photos (own fusion).
     minimum_pixels : int
         Photos that must see a point (pycolmap.stereo_fusion).
+    most_deviation : float
+        Points so many times more uncertain than the median are left out (own fusion).
     masks : Path or None
         Folder with `<photo name>.png` or `<photo stem>.png`; black is left out. Masks of a pose belong to the photos as
         taken, masks of a workspace to its undistorted photos.
@@ -84,6 +86,7 @@ class DenseOptions:
     fusion: str = "own"
     point_spacing: float = 1.0
     minimum_pixels: int = 3
+    most_deviation: float = 5.0
     masks: Path | None = None
     keep_maps: bool = False
     threads: int = 1
@@ -182,7 +185,9 @@ def dense_workspace(folder: Path, fused: Path | None, options: DenseOptions) -> 
     filtered = time.process_time()
     points = 0
     if fused is not None:
-        points = fuse_maps(workspace, fused, options.fusion, options.point_spacing, options.minimum_pixels)
+        points = fuse_maps(
+            workspace, fused, options.fusion, options.point_spacing, options.minimum_pixels, options.most_deviation
+        )
     seconds = {"stereo": matched - start, "filter": filtered - matched, "fusion": time.process_time() - filtered}
     return {"status": "ok", "backend": backend, "points": points, "seconds": seconds, "photos": rows}
 

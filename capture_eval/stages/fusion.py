@@ -12,12 +12,19 @@ from capture_eval.errors import ReconstructionError
 from capture_eval.files.colmap_workspace import DenseWorkspace, map_path, read_map
 from capture_eval.files.point_cloud_files import read_point_cloud, write_point_cloud
 from capture_eval.reconstruction.depth_filtering import DepthMap, point_deviation, points_of_depth
-from capture_eval.reconstruction.point_fusion import CellFusion, PointCloud
+from capture_eval.reconstruction.point_fusion import CellFusion, PointCloud, clearly_uncertain
 
 Floats = NDArray[np.float64]
 
 
-def fuse_maps(workspace: DenseWorkspace, fused: Path, fusion: str, point_spacing: float, minimum_pixels: int) -> int:
+def fuse_maps(
+    workspace: DenseWorkspace,
+    fused: Path,
+    fusion: str,
+    point_spacing: float,
+    minimum_pixels: int,
+    most_deviation: float = 5.0,
+) -> int:
     """Write the cloud of a workspace's geometric maps and return its number of points.
 
     Parameters
@@ -31,6 +38,8 @@ def fuse_maps(workspace: DenseWorkspace, fused: Path, fusion: str, point_spacing
         Own fusion: edge of the cells, pixels of the photos at the surface.
     minimum_pixels : int
         COLMAP's fusion: photos that must see a point.
+    most_deviation : float
+        Own fusion: points that are so many times more uncertain than the median, in pixels of the photos, are left out.
 
     Raises
     ------
@@ -40,7 +49,7 @@ def fuse_maps(workspace: DenseWorkspace, fused: Path, fusion: str, point_spacing
     if fusion == "colmap":
         count = _fuse_with_colmap(workspace, fused, minimum_pixels)
     else:
-        count = _fuse_own(workspace, fused, point_spacing)
+        count = _fuse_own(workspace, fused, point_spacing, most_deviation)
     if count == 0:
         raise ReconstructionError(f"{workspace.folder}: no point is confirmed by enough photos")
     return count
@@ -60,7 +69,7 @@ def _fuse_with_colmap(workspace: DenseWorkspace, fused: Path, minimum_pixels: in
     return len(read_point_cloud(fused)[0])
 
 
-def _fuse_own(workspace: DenseWorkspace, fused: Path, point_spacing: float) -> int:
+def _fuse_own(workspace: DenseWorkspace, fused: Path, point_spacing: float, most_deviation: float) -> int:
     """Two walks over the maps, one photo in memory at a time: first how large the scene is, then its points."""
     boxes = []
     widths = []
@@ -77,12 +86,13 @@ def _fuse_own(workspace: DenseWorkspace, fused: Path, point_spacing: float) -> i
         cloud, width = _points_of(workspace, view)
         fusion.add(cloud, point_spacing * width)
     cloud = fusion.cloud()
-    names = {"nx": 0, "ny": 1, "nz": 2}
-    properties = {name: cloud.normals[:, axis] for name, axis in names.items()}
-    properties["deviation"] = cloud.table()[:, 7]
-    properties["supporters"] = cloud.supporters
-    write_point_cloud(fused, cloud.points, properties)
-    return len(cloud.points)
+    deviation = cloud.table()[:, 7]
+    kept = ~clearly_uncertain(deviation, fusion.edges(), most_deviation)
+    properties = {name: cloud.normals[kept, axis] for axis, name in enumerate(("nx", "ny", "nz"))}
+    properties["deviation"] = deviation[kept]
+    properties["supporters"] = cloud.supporters[kept]
+    write_point_cloud(fused, cloud.points[kept], properties)
+    return int(np.count_nonzero(kept))
 
 
 def _points_of(workspace: DenseWorkspace, view: View) -> tuple[PointCloud, Floats]:
