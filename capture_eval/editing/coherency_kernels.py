@@ -86,19 +86,18 @@ def _share(coherency: Floats, vertex: int, sharpness: float, influence: Floats) 
 
 
 @numba.njit(cache=True, fastmath=_SUMS, error_model="numpy")
-def _move(one: Floats, influence: Floats, vertex: int, weights: Floats, own: Floats, motion: Floats) -> None:
-    """Eq 10's motion of a vertex, from its displacements (3 or more lines, K)."""
+def _move(displacements: Floats, influence: Floats, vertex: int, weights: Floats, own: Floats, motion: Floats) -> None:
+    """Eq 10's motion of a vertex."""
     own[:] = 0.0
     for control in range(weights.shape[0]):
         share = influence[vertex, control]
         for m in range(weights.shape[1]):
             own[m] += share * weights[control, m]
-    x = y = z = 0.0
-    for m in range(weights.shape[1]):
-        x += own[m] * one[_X, m]
-        y += own[m] * one[_Y, m]
-        z += own[m] * one[_Z, m]
-    motion[vertex, 0], motion[vertex, 1], motion[vertex, 2] = x, y, z
+    for axis in range(3):  # one after the other: in the order of memory
+        total = 0.0
+        for m in range(weights.shape[1]):
+            total += own[m] * displacements[vertex, axis, m]
+        motion[vertex, axis] = total
 
 
 @numba.njit(cache=True, error_model="numpy", parallel=True)
@@ -134,9 +133,8 @@ def edit_vertices(
     for block in numba.prange((vertices + _BLOCK - 1) // _BLOCK):
         one, own = np.empty((6, padded)), np.empty(padded)
         for vertex in range(block * _BLOCK, min(vertices, (block + 1) * _BLOCK)):
-            if len(fresh) > 0 or len(motion) > 0:
-                _copy(displacements, vertex, one)
             if len(fresh) > 0:
+                _copy(displacements, vertex, one)
                 _measure(one, still)
             for row in range(len(fresh)):
                 control = fresh[row]
@@ -145,4 +143,4 @@ def edit_vertices(
             if sharpness > 0.0:
                 _share(coherency, vertex, sharpness, influence)
             if len(motion) > 0:
-                _move(one, influence, vertex, weights, own, motion)
+                _move(displacements, influence, vertex, weights, own, motion)
