@@ -86,10 +86,21 @@ def troubled_poses(out: Path) -> list[str]:
     lines = []
     for pose, row in registered.items():
         if row.get("status") != "ok":
-            reasons = [found.get(pose, {}).get("reason") for found in (aligned, tracked)]
+            reasons = _scan_faults(work / pose) + [found.get(pose, {}).get("reason") for found in (aligned, tracked)]
             lines.append(f"{pose} has no result: {next(filter(None, reasons), row.get('reason'))}")
         lines += [f"{pose} is doubtful: {text}" for text in row.get("doubts") or []]
     return lines
+
+
+def _scan_faults(pose_folder: Path) -> list[str]:
+    """What the stages before the registration said against a pose."""
+    faults = []
+    for stage in ("sparse", "dense", "surface"):
+        path = pose_folder / f"{stage}.json"
+        found = read_json(path) if path.is_file() else {}
+        if found.get("status") == "failed":
+            faults.append(f"{stage}: {found.get('reason')}")
+    return faults
 
 
 def _rows(path: Path) -> dict[str, dict[str, Any]]:
