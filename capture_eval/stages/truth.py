@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from capture_eval.curves.edge_loops import edge_topology
+from capture_eval.curves.extract import resolve_curves
 from capture_eval.errors import InputError
 from capture_eval.evaluation.tracking_error import (
     SkinPoints,
@@ -23,7 +25,6 @@ from capture_eval.files.atomic import read_npz, write_json, write_npz
 from capture_eval.files.camera_files import read_cameras
 from capture_eval.files.colmap_files import read_sparse_model
 from capture_eval.files.curve_files import read_curves
-from capture_eval.files.manifest_files import read_yaml
 from capture_eval.files.mesh_files import read_mesh
 from capture_eval.polygon_mesh import PolygonMesh
 from capture_eval.similarity import Similarity, estimate_similarity
@@ -103,7 +104,7 @@ def measure_tracking(
     neutral = truth_from_head.apply(registered[0])
     points = skin_points(neutral, triangles, true_vertices[0], true_triangles, anchors, options.rings)
     size = diameter(true_vertices[0])
-    masks = {"seen": seen, "confident": confident} | _regions(curves, neutral, seen, options.region_reach * size)
+    masks = {"seen": seen, "confident": confident} | _regions(curves, mesh, neutral, seen, options.region_reach * size)
     rows, inside = [], BarInside(saved, truth_from_head.scale, size, {"confident": confident, "seen": seen})
     for index, time in enumerate(saved["t"]):
         row: dict[str, Any] = {"pose": str(saved["pose_names"][index]), "t": float(time), "status": "failed"}
@@ -173,20 +174,19 @@ def _start(
     raise InputError(f"{truth.mesh}: other topology than the template; true cameras are needed to place it")
 
 
-def _regions(curves: Path | None, neutral: Floats, seen: Booleans, reach: float) -> dict[str, Booleans]:
+def _regions(
+    curves: Path | None, mesh: PolygonMesh, neutral: Floats, seen: Booleans, reach: float
+) -> dict[str, Booleans]:
     """Seen vertices by the region of the nearest curve; curves without a region give none."""
     if curves is None:
         return {}
-    document = read_yaml(curves)
-    by_name = {row.get("name"): row.get("region") for row in document["curves"] if isinstance(row, Mapping)}
     owners: list[str] = []
     vertices: list[int] = []
-    for specification in read_curves(curves):
-        listed = getattr(specification, "vertices", None) or ()
-        region = by_name.get(specification.name)
+    for curve in resolve_curves(read_curves(curves), edge_topology(mesh)):
+        region = curve.extra.get("region")
         if region is not None:
-            owners.extend([str(region)] * len(listed))
-            vertices.extend(int(vertex) for vertex in listed)
+            owners.extend([str(region)] * len(curve.vertices))
+            vertices.extend(int(vertex) for vertex in curve.vertices)
     if not vertices:
         return {}
     return _nearest_region(neutral, seen, owners, vertices, reach)
