@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_eval.errors import RegistrationError
+from capture_eval.errors import InputError, RegistrationError
 from capture_eval.files.atomic import read_json
 from capture_eval.registration.reliability import (
     PoseEvidence,
@@ -96,16 +96,23 @@ def _scan_faults(pose_folder: Path) -> list[str]:
     """What the stages before the registration said against a pose."""
     faults = []
     for stage in ("sparse", "dense", "surface"):
-        path = pose_folder / f"{stage}.json"
-        found = read_json(path) if path.is_file() else {}
+        found = _document(pose_folder / f"{stage}.json")
         if found.get("status") == "failed":
             faults.append(f"{stage}: {found.get('reason')}")
     return faults
 
 
 def _rows(path: Path) -> dict[str, dict[str, Any]]:
-    found = read_json(path).get("poses", []) if path.is_file() else []
-    return {str(row["pose"]): row for row in found}
+    return {str(row["pose"]): row for row in _document(path).get("poses", [])}
+
+
+def _document(path: Path) -> dict[str, Any]:
+    """What a stage wrote; nothing where it did not run or its file is damaged: the stage that needs it will say so."""
+    try:
+        found = read_json(path)
+    except InputError:
+        return {}
+    return found if isinstance(found, dict) else {}
 
 
 def _photos_placed(pose_folder: Path) -> int | None:
