@@ -10,10 +10,18 @@ import pytest
 import textured_ball as ball
 from PIL import Image
 
+from capture_eval.cameras import Intrinsics, View
 from capture_eval.errors import CaptureEvalError, InputError, ReconstructionError, ToolError
-from capture_eval.files.colmap_workspace import map_path, read_map, write_map
+from capture_eval.files.colmap_workspace import DenseWorkspace, map_path, read_map, write_map
 from capture_eval.files.point_cloud_files import read_point_cloud, write_point_cloud
-from capture_eval.stages.dense import DenseOptions, _undistort_masks, choose_backend, dense_workspace, reconstruct_dense
+from capture_eval.stages.dense import (
+    DenseOptions,
+    _kept_photos,
+    _undistort_masks,
+    choose_backend,
+    dense_workspace,
+    reconstruct_dense,
+)
 from capture_eval.stages.surface import SurfaceOptions, reconstruct_surface
 
 CPU = DenseOptions(backend="cpu", sources=4)
@@ -123,6 +131,13 @@ def test_dense_and_surface_repeat_to_the_byte_with_any_threads(pristine, pose) -
     for name in ("fused.ply", "scan.ply"):
         assert (again / name).read_bytes() == (pose / name).read_bytes(), name
     assert not (again / "dense" / "stereo").exists()  # maps are kept only when asked for
+
+
+@pytest.mark.parametrize(("size", "kept"), [((640, 480), 32), ((4000, 3000), 4), ((12000, 9000), 2)])
+def test_memory_is_bounded_by_pixels_not_by_photos(size, kept) -> None:
+    lens = Intrinsics(*size, np.diag([1000.0, 1000.0, 1.0]), np.zeros(4))
+    views = tuple(View(f"{k}.jpg", lens, np.eye(3), np.zeros(3)) for k in range(200))
+    assert _kept_photos(DenseWorkspace(Path(), views, np.zeros((1, 3)), ())) == kept
 
 
 def test_masks_are_honoured(pristine, tmp_path) -> None:
