@@ -37,6 +37,8 @@ def load(result: Path) -> Sample:
     """Read one result."""
     saved = read_npz(result / "work" / "register" / "registered.npz")
     errors = read_npz(result / "work" / "register" / "tracking_error.npz")
+    if "error_bar" not in saved:
+        raise SystemExit(f"{result}: its registration made no error bars (register.uncertainty.photo_halves)")
     ok = saved["pose_ok"].astype(bool)
     seen = saved["seen"].astype(bool)[ok].all(axis=0)
     confident = seen & (saved["confidence"][ok] > 0.5).all(axis=0)
