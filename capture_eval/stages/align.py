@@ -156,7 +156,7 @@ def _aligned(
     neutral = observed[0]
     identity = AlignedPose(Similarity.identity(), 0.0, 0, 0, "rig", "")
     if method == "matches" or neutral is None:
-        return align_all_poses(observed, options.limits, _rigid_points(work / pose_names[0], neutral, options))
+        return align_all_poses(observed, options.limits, rigid_points(work / pose_names[0], neutral, options))
     if method == "markers" and options.markers is not None:
         usable = [points is not None for points in observed]
         placed = load_markers(work, pose_names, usable, options.markers)
@@ -172,7 +172,7 @@ def _aligned(
     return [failed if points is None else identity for points in observed]
 
 
-def _rigid_points(neutral: Path, observed: ObservedPoints | None, options: AlignOptions) -> NDArray[np.bool_] | None:
+def rigid_points(neutral: Path, observed: ObservedPoints | None, options: AlignOptions) -> NDArray[np.bool_] | None:
     """Points of the neutral on the rigid region; None where all points take part."""
     if options.rigid_region is None or options.template is None or options.landmarks is None or observed is None:
         return None
