@@ -8,8 +8,8 @@ import textured_sphere
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture_eval.errors import InputError, RegistrationError
-from capture_eval.registration.deformation_solver import DeformationSolver
+from capture_eval.errors import InputError, RegistrationError, SolverError
+from capture_eval.registration.deformation_solver import DeformationSolver, SurfaceConstraints
 from capture_eval.registration.landmark_triangulation import landmark_similarity
 from capture_eval.registration.mesh_operators import build_mesh_operators
 from capture_eval.registration.reliability import (
@@ -20,6 +20,7 @@ from capture_eval.registration.reliability import (
     exchanged_poses,
     pose_evidence,
 )
+from capture_eval.registration.surface_correspondence import Surface
 from capture_eval.registration.texture_atlas import rasterise_atlas
 from capture_eval.registration.texture_baking import bake_texture
 from capture_eval.registration.texture_rounds import PhotoSet, RoundOptions, TextureAtlases, refine_by_texture
@@ -96,8 +97,17 @@ def test_evidence_becomes_words() -> None:
     assert evidence_faults(PoseEvidence(0.9, 0.9), OPTIONS) == []
     assert "blank" in evidence_faults(PoseEvidence(0.05, 0.9), OPTIONS)[0]
     assert "another person" in evidence_faults(PoseEvidence(0.9, 0.05), OPTIONS)[0]
-    for evidence in (PoseEvidence(0.5, None), PoseEvidence(0.5, 0.25)):
+    assert evidence_faults(PoseEvidence(None, None), OPTIONS) == []
+    for evidence in (PoseEvidence(0.5, None), PoseEvidence(0.5, 0.25), PoseEvidence(None, 0.25)):
         assert PoseEvidence.from_array(evidence.array) == evidence
+
+
+def test_what_is_switched_off_speaks_neither_for_nor_against() -> None:
+    seen = np.ones(5, dtype=bool)
+    assert pose_evidence(None, None, seen, is_neutral=False) == PoseEvidence(None, None)
+    none_found = SurfaceConstraints.at_vertices(np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros(0))
+    assert pose_evidence(none_found, none_found, seen, is_neutral=False) == PoseEvidence(0.0, 0.0)
+    assert pose_evidence(none_found, none_found, seen, is_neutral=True) == PoseEvidence(0.0, None)
 
 
 def test_mirrored_landmarks_are_refused_and_noise_is_not() -> None:
@@ -123,7 +133,8 @@ def ball() -> dict:
     atlases = TextureAtlases(rasterise_atlas(corner_uv, 192), rasterise_atlas(corner_uv, 128))
     texture = bake_texture(vertices, triangles, atlases.flow, views, images)
     solver = DeformationSolver(build_mesh_operators(vertices, triangles), np.ones(len(vertices)))
-    return {"solver": solver, "vertices": vertices, "views": views, "atlases": atlases, "texture": texture}
+    return {"solver": solver, "vertices": vertices, "views": views, "atlases": atlases, "texture": texture,
+            "scan": Surface(vertices, triangles)}  # fmt: skip
 
 
 def _evidence(ball: dict, images: list[np.ndarray]) -> PoseEvidence:
@@ -131,7 +142,7 @@ def _evidence(ball: dict, images: list[np.ndarray]) -> PoseEvidence:
     options = RoundOptions(half_ranges=(1.0,), solves=1, stereo=StereoOptions(views=6, minimum_views=3))
     photos = PhotoSet(tuple(ball["views"]), tuple(images))
     refined = refine_by_texture(
-        ball["solver"], ball["vertices"], skin, photos, ball["atlases"], ball["texture"], None, None, options
+        ball["solver"], ball["vertices"], skin, photos, ball["atlases"], ball["texture"], ball["scan"], None, options
     )
     front = ball["vertices"][:, 2] > 0.75 * textured_sphere.RADIUS
     return pose_evidence(refined.flow, refined.stereo, front, is_neutral=False)
@@ -154,8 +165,15 @@ def test_the_same_skin_is_believed(ball: dict) -> None:
 def test_the_skin_of_another_person_is_not(ball: dict) -> None:
     images = [_with_noise(textured_sphere.photograph(view, seed=9), k) for k, view in enumerate(ball["views"])]
     evidence = _evidence(ball, images)
-    assert evidence.stereo_share > 0.8  # the photos agree with each other
+    assert evidence.stereo_share > 0.5  # the photos agree with each other
     assert "another person" in evidence_faults(evidence, OPTIONS)[0]
+
+
+def test_nothing_measured_is_an_error_of_the_registration() -> None:
+    vertices, triangles, _ = textured_sphere.mesh(columns=8, rows=6)
+    nothing = SurfaceConstraints.at_vertices(np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros(0))
+    with pytest.raises(SolverError, match="nothing that was measured"):
+        DeformationSolver(build_mesh_operators(vertices, triangles)).solve(vertices, 1.0, 0.05, [nothing])
 
 
 def test_blank_skin_is_not(ball: dict) -> None:

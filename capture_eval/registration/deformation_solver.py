@@ -245,6 +245,8 @@ def _assemble(constraints: list[SurfaceConstraints], count: int) -> tuple[sparse
                     rows.append(3 * unique[:, first] + i)
                     columns.append(3 * unique[:, second] + j)
                     values.append(np.bincount(group, product * projectors[:, i, j], minlength=groups))
+    if not values:
+        raise SolverError("deformation: nothing that was measured holds the mesh")
     matrix = sparse.coo_matrix(
         (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(3 * count, 3 * count)
     )

@@ -84,6 +84,7 @@ def repeat_by_halves(
     last = dataclasses.replace(
         options,
         half_ranges=options.half_ranges[-1:],
+        search_rounds=0,  # the mesh is where it should be
         flow_consistency=(options.flow_consistency[1], options.flow_consistency[1]),
         stereo=dataclasses.replace(options.stereo, minimum_views=views),
     )

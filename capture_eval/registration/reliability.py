@@ -61,25 +61,25 @@ class PoseEvidence:
 
     Parameters
     ----------
-    stereo_share : float
-        Of the seen skin, on which the photos of the pose agree.
+    stereo_share : float or None
+        Of the seen skin, on which the photos of the pose agree; None where stereo is switched off.
     skin_agreement : float or None
-        Of that, which carries the neutral's texture; None for the neutral itself.
+        Of that, which carries the neutral's texture; None for the neutral itself and where flow is switched off.
     """
 
-    stereo_share: float
+    stereo_share: float | None
     skin_agreement: float | None
 
     @property
     def array(self) -> Floats:
-        """Both, (2,); NaN for no agreement."""
-        return np.array([self.stereo_share, np.nan if self.skin_agreement is None else self.skin_agreement])
+        """Both, (2,); NaN for None."""
+        return np.array([np.nan if share is None else share for share in (self.stereo_share, self.skin_agreement)])
 
     @staticmethod
     def from_array(values: Floats) -> PoseEvidence:
         """The inverse of `array`."""
-        agreement = float(values[1])
-        return PoseEvidence(float(values[0]), None if np.isnan(agreement) else agreement)
+        share, agreement = (None if np.isnan(value) else float(value) for value in values)
+        return PoseEvidence(share, agreement)
 
 
 def pose_evidence(
@@ -90,25 +90,25 @@ def pose_evidence(
     Parameters
     ----------
     flow, stereo : SurfaceConstraints or None
-        None where that kind of measurement was not made at all: it then counts as no evidence.
+        None where that kind of measurement is switched off: it then speaks neither for nor against the pose.
     seen : (V,) bool
         Skin in enough photos.
     """
     count = len(seen)
-    by_stereo = np.zeros(count, dtype=bool) if stereo is None else vertex_sums(stereo, count) > _MEASURED
-    by_stereo &= seen
-    share = float(np.mean(by_stereo[seen])) if seen.any() else 0.0
-    if is_neutral:
+    measured, share = seen, None
+    if stereo is not None:
+        measured = seen & (vertex_sums(stereo, count) > _MEASURED)
+        share = float(np.mean(measured[seen])) if seen.any() else 0.0
+    if is_neutral or flow is None:
         return PoseEvidence(share, None)
-    by_flow = np.zeros(count, dtype=bool) if flow is None else vertex_sums(flow, count) > _MEASURED
-    agreement = float(np.mean(by_flow[by_stereo])) if by_stereo.any() else 0.0
-    return PoseEvidence(share, agreement)
+    by_flow = vertex_sums(flow, count) > _MEASURED
+    return PoseEvidence(share, float(np.mean(by_flow[measured])) if measured.any() else 0.0)
 
 
 def evidence_faults(evidence: PoseEvidence, options: ReliabilityOptions) -> list[str]:
     """Why a pose is not to be believed at all, in words; empty for a good one."""
     faults = []
-    if evidence.stereo_share < options.minimum_stereo_share:
+    if evidence.stereo_share is not None and evidence.stereo_share < options.minimum_stereo_share:
         faults.append(
             f"the photos agree on {evidence.stereo_share:.0%} of the seen skin only, "
             f"{options.minimum_stereo_share:.0%} are needed: blank or blurred skin, or wrong cameras"
