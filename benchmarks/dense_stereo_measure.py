@@ -193,6 +193,7 @@ def _errors(case: Case, folder: Path, scene: Path) -> dict[str, Any]:
     result: dict[str, Any] = {
         "points": len(points),
         "vertices": len(scan.vertices),
+        "pixel_percent": pixel_percent(truth),
         "far_share": float(np.mean(cloud["everything"].to_truth > FAR)),
         "regions": {name: _figures(cloud[name], mesh[name], len(points)) for name in ("face", "head")},
     }
@@ -221,6 +222,13 @@ def _figures(cloud: RegionError, mesh: RegionError, points: int) -> dict[str, An
         "truth_to_mesh_rms": float(100 * np.sqrt(np.mean(mesh.to_reconstruction**2))),
         "mesh_to_truth": percent(mesh.to_truth),
     }
+
+
+def pixel_percent(truth: TrueScene) -> float:
+    """Width of a pixel at the middle of the skin, mean over the photos, % of D."""
+    middle = truth.vertices[np.unique(truth.triangles[: truth.skin_triangles])].mean(axis=0)
+    depths = [(view.rotation @ middle + view.translation)[2] / view.intrinsics.matrix[0, 0] for view in truth.views]
+    return float(100 * np.mean(depths) / truth.size)
 
 
 def calibration(points: Floats, deviation: Floats, truth: TrueScene, count: int = 60000) -> dict[str, Any]:

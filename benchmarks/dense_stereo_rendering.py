@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from dense_stereo_cases import Scene
 
-from capture_eval.evaluation.surface_error import FACE_PARTS, TrueScene, join_scene
+from capture_eval.evaluation.surface_error import TrueScene, face_proper, join_scene
 from capture_eval.files.atomic import read_npz, write_json, write_npz
 from capture_eval.files.camera_files import read_cameras, write_cameras
 from capture_eval.files.jpeg_files import PhotoTags, write_jpeg
@@ -48,7 +48,7 @@ def photograph_scene(scene: Scene, folder: Path, makehuman: Path | None) -> None
         tags = PhotoTags(float(view.intrinsics.matrix[0, 0]))
         write_jpeg(photo_folder(folder) / view.name, image, tags, options.quality)
     blockers = [(part, blocker.mesh.triangles()[0]) for part, blocker in zip(parts, head.blockers, strict=True)]
-    face = np.unique(np.concatenate([head.regions[name] for name in FACE_PARTS if name in head.regions]))
+    face = face_proper(head.skin.vertices, head.regions)
     truth = join_scene((skin, head.skin.triangles()[0]), blockers, views, face, diameter(neutral))
     write_cameras(folder / "truth" / "cameras.json", {POSE: views})
     _write_truth(folder, truth)
