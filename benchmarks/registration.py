@@ -22,7 +22,7 @@ from registration_measure import measure_case
 from registration_page import write_page
 from registration_runs import Bench, OutOfTime, run_case, say
 from registration_table import print_finished_run
-from registration_time import TIME_GROUP, run_time
+from registration_time import TIME_GROUP, TIME_NAMES, run_time
 
 RESULTS = Path(__file__).parent / "results"
 
@@ -30,7 +30,7 @@ RESULTS = Path(__file__).parent / "results"
 def chosen_cases(only: list[str]) -> list[Case]:
     """Cases by name or group; all without names."""
     cases = all_cases()
-    known = {case.name for case in cases} | {case.group for case in cases} | {TIME_GROUP}
+    known = {case.name for case in cases} | {case.group for case in cases} | {TIME_GROUP, *TIME_NAMES}
     unknown = sorted(set(only) - known)
     if unknown:
         raise SystemExit(f"no case or group {', '.join(unknown)}; there are {', '.join(sorted(known))}")
@@ -42,8 +42,9 @@ def run(bench: Bench, only: list[str], until: str, force: bool) -> None:
     try:
         for case in chosen_cases(only):
             run_case(bench, case, until, force, measure_case)
-        if until == "results" and (not only or TIME_GROUP in only):
-            run_time(bench, force)
+        names = [name for name in TIME_NAMES if not only or TIME_GROUP in only or name in only]
+        if until == "results" and names:
+            run_time(bench, names, force)
     except OutOfTime:
         say("out of time; the same command goes on")
 
@@ -52,7 +53,8 @@ def list_cases() -> None:
     """Names and groups."""
     for case in all_cases():
         print(f"{case.name:28}{case.group:12}{case.shots.name}")
-    print(f"{'':28}{TIME_GROUP}")
+    for name in TIME_NAMES:
+        print(f"{name:28}{TIME_GROUP}")
 
 
 def main(arguments: list[str] | None = None) -> Any:

@@ -118,7 +118,7 @@ def _sequences() -> list[Case]:
         for motion in MOTIONS:
             shots = Shots("makehuman", identity, motion, STEPS)
             order = FEWER if identity == second and motion != "jaw_open" else ()
-            options = {} if identity == first else {"register": NO_BARS}
+            options = {} if (identity, motion) == (first, "jaw_open") else {"register": NO_BARS}
             cases.append(Case(f"makehuman{identity}_{motion}", "sequences", shots, order, options, timings=TIMINGS))
     shots = Shots("mannequin", 0, "jaw_open", STEPS)
     options = {"register": NO_BARS}

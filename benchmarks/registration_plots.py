@@ -101,7 +101,7 @@ def draw_regions(results: Results) -> Any:
     rows = of_group(results, "sequences")
     if not rows:
         return None
-    height = 0.9 + 0.2 * len(rows)
+    height = max(1.9, 0.9 + 0.2 * len(rows))
     figure, axes = plt.subplots(1, 2, figsize=(DOUBLE_COLUMN, height), sharey=True, layout="constrained")
     for axis, suffix, title in zip(axes, ("", ", confident"), ("seen", "confident"), strict=True):
         values = np.full((len(rows), len(REGIONS)), np.nan)
@@ -146,7 +146,7 @@ def draw_ablation(results: Results) -> Any:
         axis.set_xticks(range(len(names)), list(names.values()))
         axis.set_title(title)
         axis.margins(y=0.1)
-    axes[0].set_ylabel("error with the jaw at its widest, % of D")
+    axes[0].set_ylabel("error at amount 1, % of D")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure
 

@@ -45,15 +45,18 @@ from capture_eval.workflow.step_calls import STEP_CALLS
 Floats = NDArray[np.float64]
 
 TIME_GROUP = "time"
+TIME_NAMES = ("time_two_cores", "time_peer")
 PEER_LIMIT = 600.0  # seconds after which trimesh is stopped
 PEER_TRIANGLES = 20000  # of the scan that trimesh gets: its closest points on all of it take minutes
 
 
-def run_time(bench: Bench, force: bool) -> None:
+def run_time(bench: Bench, names: list[str], force: bool) -> None:
     """Measure on two cores and against the peer; each has its result."""
     jaw = next(case for case in all_cases() if case.shots.motion == "jaw_open")
     run_case(bench, jaw, "results", False, measure_case)
-    for name, measure in (("time_two_cores", two_cores), ("time_peer", beside_peer)):
+    for name, measure in zip(TIME_NAMES, (two_cores, beside_peer), strict=True):
+        if name not in names:
+            continue
         result = bench.out / "results" / f"{name}.json"
         if force or not result.is_file():
             bench.check_time()
