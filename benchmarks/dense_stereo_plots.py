@@ -111,9 +111,18 @@ def _binned(saved: Results, kind: str, names: dict[str, tuple[str, str, Any]], l
     panels[0].set_yscale("log")
     low, high = panels[0].get_ylim()
     plain_ticks(panels[0].yaxis, [value for value in TICKS if low <= value <= high])
+    if kind == "contrast":
+        panels[0].set_ylim(low / 1.3, high * 1.7)  # room for the legend
+        low, high = panels[0].get_ylim()
+        fine = [n * 10.0**power for power in range(-3, 1) for n in (1, 1.5, 2, 3, 4, 5, 7)]
+        plain_ticks(panels[0].yaxis, [value for value in fine if low <= value <= high])
+        for axes in panels:
+            axes.set_xscale("log")
+            plain_ticks(axes.xaxis, [1, 1.5, 2, 3, 4, 6, 8, 10])
+            axes.set_xlim(1.3, 11)
     panels[0].set_ylabel("median error of depth  (% of D)")
     panels[1].set_ylabel("share of skin pixels right to 0.3 % of D")
-    panels[1].set_ylim(0, 1)
+    panels[1].set_ylim(0, 1.03)
     for axes in panels:
         axes.set_xlabel(label)
     panels[0].legend(loc="upper left" if kind == "tilt" else "upper right")
