@@ -157,7 +157,7 @@ def main() -> int:
 
     known = [case for case in all_cases() if case.name in saved]
     plots = write_plots(known, saved, arguments.results)
-    write_text(arguments.results / "dense_stereo.md", write_page(known, saved, plots))
+    write_text(arguments.results / "dense_stereo.md", write_page(all_cases(), saved, plots))
     print(f"{arguments.results / 'dense_stereo.md'}: {len(known)} cases, {len(plots)} plots")
     return 0
 

@@ -288,7 +288,9 @@ def growth_section(saved: Results) -> str:
             f"- threads (12 photos of 320 × 240, quiet machine): wall {wall[0]:.1f} s with one, {wall[1]:.1f} s with "
         )
         text += f"two (ratio {wall[0] / wall[1]:.2f}); CPU {cpu[0]:.1f} and {cpu[1]:.1f} s\n"
-    return f"\n## Growth\n\n{text}" if text else ""
+    note = f"Each photo is compared with up to {default_sources()} others; fewer photos have fewer others, so that the"
+    note += " exponent over so few photos is above one.\n"
+    return f"\n## Growth\n\n{text}\n{note}" if text else ""
 
 
 def calibration_section(cases: list[Case], saved: Results) -> str:
@@ -336,7 +338,9 @@ def _pixel(cases: list[Case], saved: Results) -> str:
 
 
 def write_page(cases: list[Case], saved: Results, plots: dict[str, str]) -> str:
-    """The whole page; `plots` is file name -> caption."""
+    """The whole page; `plots` is file name -> caption. Cases without a row are named as missing."""
+    missing = [case for case in cases if case.name not in saved]
+    cases = [case for case in cases if case.name in saved]
     text = INTRODUCTION.format(centre=CENTRE_NAME, pixel=_pixel(cases, saved))
     commits = sorted({saved[case.name].get("commit", "") for case in cases} - {""})
     text += f"Measured at commit {', '.join(commits)}.\n"
@@ -346,6 +350,8 @@ def write_page(cases: list[Case], saved: Results, plots: dict[str, str]) -> str:
     text += growth_section(saved) + calibration_section(cases, saved)
     skipped = [case for case in cases if saved[case.name]["status"] == "skipped"]
     text += "".join(f"\nNot measured: {case.name} ({saved[case.name]['reason']}).\n" for case in skipped)
+    if missing:
+        text += f"\nNot measured yet: {', '.join(f'`{case.name}`' for case in missing)}.\n"
     if plots:
         text += "\n## Plots\n" + "".join(f"\n![{caption}]({name})\n\n{caption}\n" for name, caption in plots.items())
     return text
