@@ -117,6 +117,7 @@ def main() -> int:
     parser.add_argument("--list", action="store_true", help="list the cases and which are measured")
     parser.add_argument("--makehuman", type=Path, help="checkout of MakeHuman")
     parser.add_argument("--work", type=Path, default=Path("build/dense_stereo"), help="photos and reconstructions")
+    parser.add_argument("--note", help="words about the machine, kept with the figures and put on the page")
     parser.add_argument("--results", type=Path, default=HERE / "results", help="folder of the JSON, tables and plots")
     arguments = parser.parse_args()
     path = arguments.results / "dense_stereo.json"
@@ -152,6 +153,9 @@ def main() -> int:
         save(path, saved)
         print(f"{number}/{len(wanted)} {case.name}: {record['status']} {record.get('reason', '')}", end=" ")
         print(f"({time.perf_counter() - started:.0f} s)", flush=True)
+    if arguments.note:
+        saved = load(path) | {"note": {"text": arguments.note}}
+        save(path, saved)
     from dense_stereo_plots import write_plots
     from dense_stereo_tables import write_page
 

@@ -58,7 +58,7 @@ def accuracy_against_time(saved: Results) -> Drawn:
     lines = {
         "number of sources": series(saved, [(n, f"sources_{n}") for n in SOURCES] + [(default_sources(), CENTRE_NAME)]),
         "number of passes": series(saved, [(1, "passes_fewer"), (2, CENTRE_NAME), (4, "passes_more")]),
-        "image size": series(saved, [(0.5, "half_scale"), (1, CENTRE_NAME)]),
+        "photos halved": series(saved, [(0.5, "half_scale"), (1, CENTRE_NAME)]),
     }
     if not any(len(pairs) > 1 for pairs in lines.values()):
         return None

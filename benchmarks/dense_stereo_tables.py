@@ -343,7 +343,7 @@ def write_page(cases: list[Case], saved: Results, plots: dict[str, str]) -> str:
     cases = [case for case in cases if case.name in saved]
     text = INTRODUCTION.format(centre=CENTRE_NAME, pixel=_pixel(cases, saved))
     commits = sorted({saved[case.name].get("commit", "") for case in cases} - {""})
-    text += f"Measured at commit {', '.join(commits)}.\n"
+    text += f"Measured at commit {', '.join(commits)}. {saved.get('note', {}).get('text', '')}".strip() + "\n"
     text += aims_section(cases, saved)
     text += heads_section(cases, saved, "heads", "640x480") + heads_section(cases, saved, "large", "1280x960")
     text += peers_section(cases, saved) + crust_section(cases, saved) + variants_section(cases, saved)
