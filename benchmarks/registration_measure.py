@@ -58,6 +58,7 @@ def measure_case(bench: Bench, case: Case, capture: Capture, seconds: dict[str, 
         "seen": truth["seen_vertices"],
         "confident_share_of_seen": truth["confident_share_of_seen"],
         "masks_of": case.masks_of,
+        "notes": scan_notes(folder),
         "poses": rows,
         "align": alignment_rows(folder),
         "doubts": {row["pose"]: doubt for row in saved_rows(folder) if (doubt := row["reason"] or row.get("doubts"))},
@@ -141,6 +142,12 @@ def region_figures(error: TrackingError, mask: Flags, size: float) -> dict[str, 
     for name, value in zip(PARTS, values, strict=True):
         figures[name] = [float(np.median(value[mask]) / size), float(np.quantile(value[mask], 0.95) / size)]
     return figures
+
+
+def scan_notes(folder: Path) -> list[str]:
+    """What is to be said of the scans a case was registered from."""
+    scans = [path.resolve().parents[2] / "scan.json" for path in sorted((folder / "work").glob("*/scan.ply"))]
+    return sorted({read_json(scan)["note"] for scan in scans if "note" in read_json(scan)})
 
 
 def saved_rows(folder: Path) -> list[dict[str, Any]]:

@@ -38,7 +38,7 @@ All errors are in % of D (the largest distance between two vertices of the neutr
 SEQUENCES = """
 ## Sequences: 24 photos a pose at 640x480
 
-Two people of other identities than the template's and than the one whose captures options were chosen on. Poses at 0, .2, .5, .8 and 1 of the motion, without .2 in grin and blink_frown of the second person and for the mannequin (the steps between neighbours are larger than in an 11-pose sequence, so tracking has it harder). The same poses serve every timing: under *eased* the pose at amount a stands at the time at which the law reaches a.
+Two people of other identities than the template's and than the one whose captures options were chosen on. Poses at 0, .2, .5, .8 and 1 of the motion, some sequences without .2 (the steps between neighbours are larger than in an 11-pose sequence, so tracking has it harder). The same poses serve every timing: under *eased* the pose at amount a stands at the time at which the law reaches a.
 """
 
 

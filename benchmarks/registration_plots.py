@@ -56,12 +56,13 @@ def draw_poses(results: Results) -> Any:
     rows = of_group(results, "sequences")
     if not rows:
         return None
+    motions = [motion for motion in MOTIONS if any(row["motion"] == motion for row in rows)]
     figure, axes = plt.subplots(
-        2, len(MOTIONS), figsize=(DOUBLE_COLUMN, 4.2), sharex=True, sharey=True, layout="constrained"
+        2, len(motions), figsize=(DOUBLE_COLUMN, 4.2), sharex=True, sharey=True, squeeze=False, layout="constrained"
     )
     heads = list(dict.fromkeys(row["head"] for row in rows))
     for line, (mask, title) in enumerate((("face", "seen, face"), ("confident", "confident, whole head"))):
-        for axis, motion in zip(axes[line], MOTIONS, strict=True):
+        for axis, motion in zip(axes[line], motions, strict=True):
             for row in rows:
                 if row["motion"] == motion:
                     draw_sequence(axis, row, mask, COLOURS[heads.index(row["head"])])
@@ -113,7 +114,7 @@ def draw_regions(results: Results) -> Any:
         image = axis.imshow(np.log10(values), cmap="magma_r", vmin=np.log10(0.03), vmax=np.log10(2.0), aspect="auto")
         for line, column in np.argwhere(np.isfinite(values)):
             value = values[line, column]
-            colour = "white" if value > 0.35 else "black"
+            colour = "white" if value > 0.27 else "black"
             axis.text(column, line, f"{value:.2f}", ha="center", va="center", fontsize=5.5, color=colour)
         axis.set_xticks(range(len(REGIONS)), REGIONS, rotation=45, ha="right")
         axis.set_yticks(range(len(rows)), [f"{row['head']} {row['motion']}" for row in rows])

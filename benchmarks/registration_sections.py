@@ -24,7 +24,7 @@ def ablation(results: Results, plots: dict[str, str]) -> str:
             ]
             rows.append([name.removeprefix("ablation_").replace("_", " "), f"{pose['amount']:g}", *cells])
     titles = ["texture steps", "amount", "face: tracking", "tracking", "tangential", "normal", "surface"]
-    text = "\n## What the texture steps buy\n\nMakeHuman 2 jaw_open, same scans; flow against the neutral's texture and stereo on the mesh taken away. *neither* and *flow only* have no stereo on the neutral either. The vertices that are confident with both steps count everywhere (last four columns).\n\n"
+    text = "\n## What the texture steps buy\n\nMakeHuman 2 jaw_open, same scans; flow against the neutral's texture and stereo on the mesh taken away. *neither* and *flow only* have no stereo on the neutral either. In the rounds the lifted matches keep a tenth of their weight and the scan less, because flow and stereo are there; taking one of them away therefore leaves that direction with less to hold it than *neither*, which stops before the rounds. The vertices that are confident with both steps count everywhere (last four columns).\n\n"
     return text + table(titles, rows) + "\n" + plots.get("registration_ablation.png", "")
 
 
@@ -50,7 +50,8 @@ def drift(results: Results) -> str:
     there, back = results.get("drift_there"), results.get("drift_there_and_back")
     if not there:
         return ""
-    text = "\n## Drift\n\nMakeHuman 0 jaw_open, eleven poses (the person whose captures options were chosen on). Asked: error at pose 10 at most 1.3 times that at pose 5 when motion is removed.\n\n**Skin that stands still** (moves less than 0.02 % of D in the whole sequence), confident vertices, relative to the neutral:\n\n"
+    notes = "".join(f"; its scans: {note}" for note in there.get("notes") or ())
+    text = f"\n## Drift\n\nMakeHuman 0 jaw_open, eleven poses (the person whose captures options were chosen on{notes}). Asked: error at pose 10 at most 1.3 times that at pose 5 when motion is removed.\n\n**Skin that stands still** (moves less than 0.02 % of D in the whole sequence), confident vertices, relative to the neutral:\n\n"
     rows = []
     poses = {pose["pose"]: pose for pose in good_poses(there)}
     for name, pose in poses.items():
@@ -164,8 +165,12 @@ def time_table(results: Results) -> str:
         for row in of_group(results, "sequences").values()
     ]
     if rows:
-        text += "CPU seconds on one thread, with other work on the machine:\n\n" + table(
-            ["sequence", "vertices", "align, all poses", "neutral", "a pose: tracking", "a pose: texture steps"], rows
+        text += (
+            "CPU seconds on one thread, with other work on the machine; MakeHuman 2 jaw_open with error bars, the others without:\n\n"
+            + table(
+                ["sequence", "vertices", "align, all poses", "neutral", "a pose: tracking", "a pose: texture steps"],
+                rows,
+            )
         )
     if cores:
         wall = cores["wall_seconds"]
@@ -192,7 +197,7 @@ def peer_table(peer: dict[str, Any]) -> str:
     """The neutral fit beside trimesh."""
     titles = {
         "own": "capture_eval, fit to the scan",
-        "own_with_stereo": "capture_eval, whole neutral step (with texture stereo)",
+        "own_with_stereo": "capture_eval, whole neutral step (texture stereo and error bars)",
         "trimesh": "trimesh nricp_amberg, its defaults",
     }
     rows = []

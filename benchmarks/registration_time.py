@@ -46,7 +46,7 @@ Floats = NDArray[np.float64]
 
 TIME_GROUP = "time"
 TIME_NAMES = ("time_two_cores", "time_peer")
-PEER_LIMIT = 600.0  # seconds after which trimesh is stopped
+PEER_LIMIT = 300.0  # seconds after which trimesh is stopped
 PEER_TRIANGLES = 20000  # of the scan that trimesh gets: its closest points on all of it take minutes
 
 
