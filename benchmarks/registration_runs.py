@@ -154,8 +154,8 @@ def compose(bench: Bench, case: Case, capture_folder: Path, scans: list[Path]) -
     """Write the case's manifest, truth and work folder; the scans are linked."""
     folder = bench.out / "cases" / case.name
     names = [f"pose_{index:02d}" for index in range(len(scans))]
-    monotonic = case.amounts == tuple(sorted(case.amounts))
-    times = case.amounts if monotonic else tuple(np.linspace(0.0, 1.0, len(scans)).tolist())
+    in_order = case.amounts == tuple(sorted(case.amounts)) and case.amounts[-1] == 1.0
+    times = case.amounts if in_order else tuple(np.linspace(0.0, 1.0, len(scans)).tolist())
     for name, scan in zip(names, scans, strict=True):
         target = folder / "work" / name
         target.mkdir(parents=True, exist_ok=True)
