@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from capture_eval.errors import InputError
 from capture_eval.files.atomic import write_text
+from capture_eval.files.coordinate_lists import coordinates
 from capture_eval.files.manifest_files import read_yaml
 
 
@@ -96,16 +97,5 @@ def _landmark(path: Path, number: int, row: Any, vertex_count: int) -> Landmark:
     point = row.get("point")
     if not isinstance(photos, dict) or (point is None and not photos):
         raise InputError(f"{path}: landmark {name} needs 'photos' (photo: [u, v]) or 'point' ([x, y, z])")
-    pixels = {str(photo): _numbers(path, name, pixel, 2) for photo, pixel in photos.items()}
-    return Landmark(name, vertex, pixels, None if point is None else _numbers(path, name, point, 3))
-
-
-def _numbers(path: Path, name: str, values: Any, count: int) -> NDArray[np.float64]:
-    usable = isinstance(values, Sequence) and not isinstance(values, str) and len(values) == count
-    try:
-        array = np.array(values if usable else [np.nan], dtype=np.float64)
-    except (TypeError, ValueError):
-        array = np.array([np.nan])
-    if array.shape != (count,) or not np.all(np.isfinite(array)):
-        raise InputError(f"{path}: landmark {name}: {values!r} is not a list of {count} numbers")
-    return array
+    pixels = {str(photo): coordinates(path, f"landmark {name}", pixel, 2) for photo, pixel in photos.items()}
+    return Landmark(name, vertex, pixels, None if point is None else coordinates(path, f"landmark {name}", point, 3))

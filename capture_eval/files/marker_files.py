@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture_eval.errors import InputError
+from capture_eval.files.coordinate_lists import coordinates
 from capture_eval.files.manifest_files import read_yaml
 
 Floats = NDArray[np.float64]
@@ -81,17 +82,7 @@ def read_markers(path: Path, pose_names: Sequence[str]) -> MarkerFile:
 
 
 def _place(path: Path, name: str, place: Any) -> MarkerPlace:
+    owner = f"marker {name}"
     if isinstance(place, dict):
-        return MarkerPlace({str(photo): _numbers(path, name, pixel, 2) for photo, pixel in place.items()}, None)
-    return MarkerPlace({}, _numbers(path, name, place, 3))
-
-
-def _numbers(path: Path, name: str, values: Any, count: int) -> Floats:
-    usable = isinstance(values, Sequence) and not isinstance(values, str) and len(values) == count
-    try:
-        array = np.array(values if usable else [np.nan], dtype=np.float64)
-    except (TypeError, ValueError):
-        array = np.array([np.nan])
-    if array.shape != (count,) or not np.all(np.isfinite(array)):
-        raise InputError(f"{path}: marker {name}: {values!r} is not a list of {count} numbers")
-    return array
+        return MarkerPlace({str(photo): coordinates(path, owner, pixel, 2) for photo, pixel in place.items()}, None)
+    return MarkerPlace({}, coordinates(path, owner, place, 3))
